@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
 from feltmb.fit.limits import InputLimits, Limits, PartTest
 from feltmb.fit.model import Effect, Model
-from feltmb.gap.measured import TableReader, no_test_of, units_of_tests
+from feltmb.gap.measured import InStatedUnit, TableReader, no_test_of, units_of_tests
 from feltmb.units.quantity import SI, Schema
 
 __all__ = ["check_limits", "read_limits"]
@@ -22,42 +21,38 @@ __all__ = ["check_limits", "read_limits"]
 
 class _Input(Schema):
     unit: str = ""
-    least: float | str = 0.0
-    most: float | str
-    rate: float | str | None = None
-    acceleration: float | str | None = None
-    sigma: float | str = 0.0
+    least: InStatedUnit = 0.0
+    most: InStatedUnit
+    rate: InStatedUnit = math.inf
+    acceleration: InStatedUnit = math.inf
+    sigma: InStatedUnit = 0.0
 
 
 class _Part(Schema):
     parameter: str
-    sd: float | str
+    sd: InStatedUnit
     cost: Annotated[float, Field(gt=0)] = 1.0
     how: str = ""
 
 
 class _Sensor(Schema):
-    sigma: float | str
+    sigma: InStatedUnit
 
 
-class _Times(Schema):
+class _LimitsFile(Schema):
+    schema_version: Annotated[Literal[1], Field(alias="schema")]
+    about: str = ""
     duration: Annotated[float, SI("s"), Field(gt=0)]
     sample_rate: Annotated[float, SI("Hz"), Field(gt=0)] = 2000.0
     lead: Annotated[float, SI("s"), Field(ge=0)] = 0.01
+    inputs: dict[str, dict[str, Any]]
+    sensors: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    further_sensors: dict[str, dict[str, Any]] = Field(default_factory=dict)
+    parts: list[dict[str, Any]] = Field(default_factory=list)
 
 
-class _LimitsFile(_Times):
-    schema_version: Annotated[Literal[1], Field(alias="schema")]
-    about: str = ""
-    inputs: dict[str, _Input]
-    sensors: dict[str, _Sensor] = Field(default_factory=dict)
-    further_sensors: dict[str, _Sensor] = Field(default_factory=dict)
-    parts: list[_Part] = Field(default_factory=list)
-
-
-#: Placeholders for invalid inputs and times, so that the rest can be checked.
+#: Placeholder for invalid inputs, so that the rest can be checked.
 _ANY = {"": InputLimits(most=1.0)}
-_ANY_TIMES = {"duration": 1.0, "sample_rate": 1000.0, "lead": 0.0}
 #: Tables of sensors.
 SENSORS = ("sensors", "further_sensors")
 
@@ -102,20 +97,6 @@ def _unknown_names(
     return faults
 
 
-def _names_in(raw: Mapping[str, Any]) -> dict[str, list[str]]:
-    """Names by table in a file with possible faults."""
-    found = {
-        t: list(own) if isinstance(own := raw.get(t), dict) else [] for t in ("inputs", *SENSORS)
-    }
-    rows = raw.get("parts")
-    found["parts"] = [
-        row["parameter"]
-        for row in (rows if isinstance(rows, list) else [])
-        if isinstance(row, dict) and isinstance(row.get("parameter"), str)
-    ]
-    return found
-
-
 @checked
 def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) -> Limits:
     """Read ``limits.toml``: the limits of experiments with a model.
@@ -140,77 +121,59 @@ def read_limits(path: str | Path, model: Model, effects: Sequence[Effect] = ()) 
     Raises
     ------
     DataError
-        All faults of the file in one message: unknown names, then keys and types, then numbers. The
-        numbers of an unknown name are not checked, because their unit is unknown.
+        All faults of the file in one message: unknown names, then those of each table. The table of
+        an unknown name is not checked, because the unit of its numbers is unknown.
     """
-    read = TableReader(path, _LimitsFile)
-    strange = _unknown_names(model, effects, _names_in(read.raw))
-    read.check(strange.values())
-    inputs = {
-        name: _input(read, name, where, entry, model)
-        for name, where, entry in read.entries("inputs")
-        if ("inputs", name) not in strange
-    }
+    read = TableReader(path)
+    names = {table: [key for key, _, _ in read.entries(table)] for table in ("inputs", *SENSORS)}
+    tests = [(where, entry, entry.get("parameter")) for _, where, entry in read.entries("parts")]
+    names["parts"] = [name for _, _, name in tests if isinstance(name, str)]
+    strange = _unknown_names(model, effects, names)
+    read.faults += strange.values()
+    inputs: dict[str, InputLimits | None] = {}
+    for name, where, entry in read.entries("inputs"):
+        if ("inputs", name) not in strange:
+            units = _units_of_input(entry, model.units.get(name) or "1")
+            inputs[name] = read.made(where, entry, _Input, InputLimits, units, unit=units["most"])
     own = units_of_tests(model, effects)
-    parts = []
-    for at, where, entry in read.entries("parts"):
-        name = entry.get("parameter")
-        if isinstance(name, str) and ("parts", name) not in strange:
-            known: dict[str, Any] = {k: entry[k] for k in ("cost", "how") if k in entry}
-            known["sd"] = read.number(where, entry, "sd", own[name])
-            parts.append(read.made(("parts", at), f"{where}: ", PartTest, parameter=name, **known))
+    parts = [
+        read.made(where, entry, _Part, PartTest, {"sd": own.get(str(name), "1")})
+        for where, entry, name in tests
+        if ("parts", name) not in strange
+    ]
+    sigmas: dict[tuple[str, Any], dict[str, float] | None] = {
+        (table, name): read.made(
+            where, entry, _Sensor, dict, {"sigma": model.units.get(name) or "1"}
+        )
+        for table in SENSORS
+        for name, where, entry in read.entries(table)
+        if (table, name) not in strange
+    }
     sensors, further = (
-        {
-            name: sigma
-            for name, where, entry in read.entries(table)
-            if (table, name) not in strange
-            and not math.isnan(
-                sigma := read.number(where, entry, "sigma", model.units.get(name) or "1")
-            )
-        }
+        {name: v["sigma"] for (of, name), v in sigmas.items() if of == table and v}
         for table in SENSORS
     )
-    given = read.raw.get("inputs")
-    found = read.made(
-        (),
-        "",
-        Limits,
-        inputs={n: i for n, i in inputs.items() if i} or ({} if given == {} else _ANY),
-        parts=tuple(p for p in parts if p is not None),
-        sensors=sensors,
-        further=further,
-        **_times_in(read.raw),
-    )
+
+    def limits(**file: Any) -> Limits:
+        known = {name: v for name, v in inputs.items() if v is not None}
+        return Limits(
+            inputs=known or ({} if file["inputs"] == {} else _ANY),
+            parts=tuple(p for p in parts if p is not None),
+            sensors=sensors,
+            further=further,
+            **{name: file[name] for name in ("duration", "sample_rate", "lead")},
+        )
+
+    found = read.made("", read.raw, _LimitsFile, limits)
     read.finish()
     assert found is not None
     return found
 
 
-def _input(
-    read: TableReader, name: str, where: str, entry: dict[str, Any], model: Model
-) -> InputLimits | None:
-    """Limits of one input; None: they have a fault."""
+def _units_of_input(entry: Mapping[str, Any], unit: str) -> dict[str, str]:
+    """Units of the limits of an input, from its own unit or else that of the model."""
     told = entry.get("unit")
-    unit = (told if isinstance(told, str) else "") or model.units.get(name) or "1"
+    unit = (told if isinstance(told, str) else "") or unit
     hint = '; hint: the table says its unit, unit = "N"' if unit == "1" else ""
-    number = partial(read.number, where, entry)
-    return read.made(
-        ("inputs", name),
-        f"{where}: ",
-        InputLimits,
-        least=number("least", unit, 0.0, hint),
-        most=number("most", unit, hint=hint),
-        rate=number("rate", f"{unit}/s", math.inf, hint),
-        acceleration=number("acceleration", f"{unit}/s^2", math.inf, hint),
-        sigma=number("sigma", unit, 0.0, hint),
-        unit=unit,
-    )
-
-
-def _times_in(raw: Mapping[str, Any]) -> dict[str, float]:
-    """Times that a file says, or any where they have faults of their own."""
-    try:
-        told = {name: raw[name] for name in _Times.model_fields if name in raw}
-        return _Times.model_validate(told).model_dump()
-    except ValidationError:
-        return _ANY_TIMES
+    own = dict.fromkeys(("least", "most", "sigma"), unit)
+    return own | {"rate": f"{unit}/s", "acceleration": f"{unit}/s^2", "hint": hint}

@@ -34,7 +34,7 @@ from feltmb.gap.compare import Comparison, check
 from feltmb.gap.compare import Hint as Hint
 from feltmb.gap.defaults import candidates
 from feltmb.gap.diagnosis import diagnose, fit_model
-from feltmb.gap.measured import Measured, measured_toml, read_measured, with_measured
+from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress, Stop
 from feltmb.gap.report import Explained, Report, explained_model
@@ -83,7 +83,6 @@ __all__ = [
     "explained_model",
     "fit_model",
     "including",
-    "measured_toml",
     "read_measured",
     "with_measured",
     "withhold",

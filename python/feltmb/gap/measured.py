@@ -18,25 +18,24 @@ that the model lacks. With a measured magnitude it becomes a parameter of the mo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BeforeValidator, ValidationError, ValidationInfo
 
 from feltmb.arguments import checked
-from feltmb.errors import DataError, InvalidParameter, near_names
-from feltmb.files import read_toml, write_text
+from feltmb.errors import DataError, InvalidParameter, near_names, shown
+from feltmb.files import read_toml
 from feltmb.fit.inclusion import including
 from feltmb.fit.model import Effect, Model, Parameter
 from feltmb.units.quantity import Schema, fault_lines, fault_text, parse_scalar
 
 __all__ = [
+    "InStatedUnit",
     "Measured",
     "TableReader",
-    "in_unit",
-    "measured_toml",
     "no_test_of",
     "read_measured",
     "with_measured",
@@ -73,14 +72,31 @@ class Measured:
             )
 
 
+def _in_stated_unit(node: object, info: ValidationInfo) -> float:
+    """A number, or a text with a unit, in the SI unit of its key; shares may be in percent."""
+    assert info.context is not None
+    unit, text = info.context[str(info.field_name)], node.strip() if isinstance(node, str) else ""
+    percent = unit == "1" and text.endswith("%")
+    try:
+        value = parse_scalar(text.removesuffix("%").strip() if percent else node, unit)
+    except (ValueError, InvalidParameter) as error:
+        got = "" if str(error).startswith("got") else f"got {shown(node)}; "
+        raise ValueError(f"{got}{error}{info.context.get('hint', '')}") from None
+    return 0.01 * value if percent else value
+
+
+#: Number of a table in the unit that the model states.
+InStatedUnit = Annotated[float, BeforeValidator(_in_stated_unit)]
+
+
 class _Entry(Schema):
-    value: float | str
-    sd: float | str
+    value: InStatedUnit
+    sd: InStatedUnit
     how: str = ""
 
 
 class _MeasuredFile(Schema):
-    measured: dict[str, _Entry]
+    measured: dict[str, dict[str, Any]]
 
 
 @checked
@@ -109,34 +125,26 @@ def read_measured(
     Raises
     ------
     DataError
-        All faults of the file in one message: unknown names, then keys and types, then numbers. The
-        numbers of an unknown name are not checked, because their unit is unknown.
+        All faults of the file in one message: unknown names, then those of each table. The table of
+        an unknown name is not checked, because the unit of its numbers is unknown.
     """
-    read = TableReader(path, _MeasuredFile)
+    read = TableReader(path)
     units = units_of_tests(model, effects)
-    table = read.raw.get("measured")
-    read.check(
-        f"measured.{name}: {why}"
-        for name in (table if isinstance(table, dict) else {})
-        if (why := no_test_of(name, model, effects))
-    )
-    out = []
-    for name, where, entry in read.entries("measured"):
-        if name not in units:
-            continue
-        value, sd = (read.number(where, entry, key, units[name]) for key in ("value", "sd"))
-        how = {"how": entry["how"]} if "how" in entry else {}
-        out.append(
-            read.made(
-                ("measured", name),
-                f"{where}: ",
-                Measured,
-                parameter=name,
-                value=value,
-                sd=sd,
-                **how,
-            )
+    whys = {name: no_test_of(name, model, effects) for name, _, _ in read.entries("measured")}
+    read.faults += [f"measured.{name}: {why}" for name, why in whys.items() if why]
+    out = [
+        read.made(
+            where,
+            entry,
+            _Entry,
+            Measured,
+            {"value": units[name], "sd": units[name]},
+            parameter=name,
         )
+        for name, where, entry in read.entries("measured")
+        if not whys[name]
+    ]
+    read.made("", read.raw, _MeasuredFile, dict)
     read.finish()
     return tuple(m for m in out if m is not None)
 
@@ -270,33 +278,6 @@ def _combined(tests: Sequence[Measured]) -> tuple[float, float]:
     return value, best / math.sqrt(sum(weights))
 
 
-@checked
-def measured_toml(measured: Sequence[Measured], path: str | Path, *, force: bool = False) -> Path:
-    """Write tests of parts to a file that :func:`read_measured` can read.
-
-    Parameters
-    ----------
-    measured
-        Tests of parts.
-    path
-        File to be written.
-    force
-        Replace a file that exists.
-
-    Returns
-    -------
-    pathlib.Path
-        The file.
-    """
-    import tomlkit
-
-    tables = {
-        m.parameter: {k: getattr(m, k) for k in ("value", "sd", "how") if getattr(m, k) != ""}
-        for m in measured
-    }
-    return write_text(Path(path), tomlkit.dumps({"measured": tables}), force=force)
-
-
 # -------------------------------------------------------------------------------- tables of a file
 
 
@@ -304,27 +285,12 @@ T = TypeVar("T")
 
 
 class TableReader:
-    """Collects the faults of a file: names, then keys and kinds, then numbers.
+    """Collects the faults of a file, so that one of them does not hide the others."""
 
-    A fault of one entry does not hide those of another. If the model does not have the name of an
-    entry, only the name is reported, because the unit of its numbers is unknown.
-    """
-
-    def __init__(self, path: str | Path, schema: type[BaseModel]):
+    def __init__(self, path: str | Path):
         self.path = Path(path)
         self.raw: dict[str, Any] = read_toml(self.path)
         self.faults: list[str] = []
-        self._schema = schema
-        self._bad: set[tuple[Any, ...]] = set()
-
-    def check(self, strange: Iterable[str]) -> None:
-        """Collect names that the model does not have, and faults of the schema."""
-        self.faults += strange
-        try:
-            self._schema.model_validate(self.raw)
-        except ValidationError as error:
-            self.faults += fault_lines(error, self._schema)
-            self._bad = {tuple(item["loc"]) for item in error.errors(include_url=False)}
 
     def entries(self, table: str) -> Iterator[tuple[Any, str, dict[str, Any]]]:
         """Key or place, name in a message, and content of the tables below a name."""
@@ -334,46 +300,39 @@ class TableReader:
             if isinstance(entry, dict):
                 yield key, f"{table}.{key}", entry
 
-    def number(
+    def made(
         self,
         where: str,
-        entry: dict[str, Any],
-        key: str,
-        unit: str,
-        missing: float = math.nan,
-        hint: str = "",
-    ) -> float:
-        """A number in an SI unit; nan where it has a fault.
-
-        ``missing``: where the entry does not say it; nan: the schema asks for it.
-        """
-        value = entry.get(key)
-        if value is None:
-            return missing
-        wild = isinstance(value, float) and not math.isfinite(value)
-        if wild or not isinstance(value, (int, float, str)):
-            return math.nan  # a fault of the schema
-        try:
-            return in_unit(value, unit)
-        except (ValueError, InvalidParameter) as error:
-            self.faults.append(f"{where}.{key}: got {value!r}; {error}{hint}")
-            return math.nan
-
-    def made(
-        self, place: tuple[Any, ...], where: str, kind: Callable[..., T], **values: Any
+        table: Mapping[str, Any],
+        schema: type[Schema],
+        kind: Callable[..., T],
+        units: Mapping[str, str] | None = None,
+        **more: Any,
     ) -> T | None:
-        """An object of an entry; None where the entry has a fault.
+        """An object of a table; None where the table has a fault.
 
-        ``place``: of the entry in the file; empty: the whole file.
+        Parameters
+        ----------
+        where
+            Name of the table in a message; empty: the whole file.
+        table
+            Content of the table.
+        schema
+            Its keys.
+        kind
+            Makes the object from the values of the keys.
+        units
+            SI unit of each number that is ``InStatedUnit``; "hint": the end of a message about one.
+        more
+            Further values, which replace those of the table.
         """
-        told = any(isinstance(v, float) and math.isnan(v) for v in values.values())
-        if told or (place and any(b[: len(place)] == place for b in self._bad)):
-            return None
         try:
-            return kind(**values)
+            return kind(**schema.model_validate(table, context=units).model_dump() | more)
+        except ValidationError as error:
+            self.faults += [f"{where}.{line}".strip(".") for line in fault_lines(error, schema)]
         except InvalidParameter as error:
-            self.faults.append(f"{where}{error}")
-            return None
+            self.faults.append(f"{where}: {error}" if where else str(error))
+        return None
 
     def finish(self) -> None:
         """End the reading.
@@ -385,16 +344,3 @@ class TableReader:
         """
         if self.faults:
             raise DataError(fault_text(self.path.name, self.faults))
-
-
-def in_unit(value: float | str, unit: str) -> float:
-    """A number, or a text with a unit, in an SI unit; shares may be in percent.
-
-    Raises
-    ------
-    ValueError
-        It is none.
-    """
-    if isinstance(value, str) and value.strip().endswith("%") and unit == "1":
-        return 0.01 * parse_scalar(value.strip().removesuffix("%").strip(), "1")
-    return parse_scalar(value, unit)

@@ -112,10 +112,10 @@ sigma = -1
     starts = (
         "input v: no input",
         "inputs.u.most: is missing",
-        "inputs.u.moste: unknown key",
-        "parts.0.cost: got -1",
         "inputs.u.rate: ",
+        "inputs.u.moste: unknown key",
         "parts.0.sd: ",
+        "parts.0.cost: got -1",
         "parts.1: test of slope: sd = 0",
         "limits: lead = 1 s",
     )

@@ -1064,11 +1064,6 @@ CALLS = {
         "tell": None,
     },
     "feltmb.gap.Measured": lambda: {"parameter": "k", "value": 99.0, "sd": 1.0, "how": "scale"},
-    "feltmb.gap.measured_toml": lambda: {
-        "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
-        "path": "measured.toml",
-        "force": True,
-    },
     "feltmb.gap.read_measured": lambda: {
         "path": written("measured.toml", "[measured.k]\nvalue = 99.0\nsd = 1.0\n"),
         "model": oscillator(),
