@@ -29,7 +29,7 @@ from feltmb.units import readable_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["comparison", "correlation", "residuals", "steps", "svg", "told_set", "waterfall"]
+__all__ = ["comparison", "correlation", "residuals", "steps", "svg", "waterfall"]
 
 WIDTH = 9.0  # inches
 #: Largest number of channels of a comparison.
@@ -60,18 +60,6 @@ def svg(figure: Figure, name: str) -> str:
     return found.replace("<svg", f'<svg role="img" aria-label="{escape(name)}"', 1)
 
 
-def told_set(result: Result) -> tuple[str, ...]:
-    """Causes of the most probable set that agrees with what is told."""
-    named = {n.cause for n in result.named}
-    groups = [{n.cause for n in g} for g in result.classes]
-    if named or groups:
-        for s in result.sets:
-            own = set(s.causes)
-            if named <= own and all(own & g for g in groups):
-                return s.causes
-    return ()
-
-
 def steps(result: Result) -> list[tuple[str, float]]:
     """Residuals of the worst channel [its unit] after each step: tabulated, calibrated, causes.
 
@@ -86,12 +74,11 @@ def steps(result: Result) -> list[tuple[str, float]]:
     words = {n.cause: " or ".join(m.cause for m in g) for g in result.classes for n in g}
     words |= {n.cause: n.cause for n in result.named}
     done: frozenset[str] = frozenset()
-    rest = [name for name in told_set(result) if name in words]
-    whole = frozenset(told_set(result))
+    rest = [name for name in result.told if name in words]
     while rest:
         fitted = [(known[done | {n}], n) for n in rest if done | {n} in known]
         if not fitted or len(rest) == 1:
-            found.append((" and ".join(words[n] for n in rest), known[whole]))
+            found.append((" and ".join(words[n] for n in rest), known[frozenset(result.told)]))
             break
         value, name = min(fitted)
         found.append((words[name], value))

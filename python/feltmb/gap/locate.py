@@ -28,7 +28,7 @@ from feltmb.gap.linear import (
     start_states,
     theta_at,
 )
-from feltmb.gap.problem import Local, Member, Observed, Problem
+from feltmb.gap.problem import Local, Member, Observed, Problem, rms_of
 from feltmb.gap.result import Cell, Event, Place
 
 __all__ = ["cells", "events", "most_different", "places"]
@@ -260,16 +260,12 @@ def _tested(
         forced, taken = _explained(wider, replace(fitted, point=point, linears=linears))
         gain = log_evidence(wider, forced, every) - log_evidence(problem, fitted, every)
         if np.isfinite(gain) and (best is None or gain > best[0]):
-            squares = sum(
-                ((x.residual * o.sd) ** 2).sum(axis=0)
-                for x, o in zip(forced.linears, problem.fit, strict=True)
-            )
-            left = np.sqrt(squares / np.maximum(problem.samples, 1.0) / (1.0 - taken))
+            left = rms_of(problem.fit, (x.residual for x in forced.linears)) / np.sqrt(1.0 - taken)
             values = [
                 v[k : k + p.shape[2]]
                 for v, p, k in zip(forced.point.local, patterns, at, strict=True)
             ]
-            best = gain, np.asarray(left), values
+            best = gain, left, values
     if best is None:
         return Place(name, port, (), 0.0), []
     return Place(name, port, tuple(float(v) for v in best[1]), float(best[0])), best[2]

@@ -149,13 +149,6 @@ def read_measured(
     return tuple(m for m in out if m is not None)
 
 
-def hint_of_names(name: str, known: Iterable[str]) -> str:
-    """The end of a message: names that are similar to an unknown one, or the first of all."""
-    names = list(dict.fromkeys(known))
-    more = f" and {len(names) - MOST_NAMES} more" if len(names) > MOST_NAMES else ""
-    return near_names(name, names) or f"; there are {', '.join(names[:MOST_NAMES])}{more}"
-
-
 def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
     """Reason why a test of a part by itself cannot give a parameter or effect; empty: it can."""
     parameters = [p.name for p in model.parameters]
@@ -164,7 +157,9 @@ def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
         return ""
     if name not in known:
         kind = "parameter or tested effect" if known else "parameter"
-        return f"no {kind} of {model.name}{hint_of_names(name, [*parameters, *known])}"
+        names = [*dict.fromkeys((*parameters, *known))]
+        hint = near_names(name, names) or f"; there are {', '.join(names[:MOST_NAMES])}"
+        return f"no {kind} of {model.name}{hint}"
     effect = known[name]
     if effect.observe is not None or effect.excite is not None:
         return (

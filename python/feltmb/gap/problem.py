@@ -8,7 +8,7 @@ start states, errors of sensors, and noise of inputs are *local* to their record
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -260,3 +260,9 @@ def spread(records: Sequence[Observed]) -> Array:
         total += (about**2).sum(axis=0)
         count += o.samples
     return np.asarray(np.sqrt(total / np.maximum(count, 1.0)))
+
+
+def rms_of(records: Sequence[Observed], residuals: Iterable[Array]) -> Array:
+    """Rms of residuals by channel [its unit], (m,); they are in units of the noise, (n, m)."""
+    squares = sum(((x * o.sd) ** 2).sum(axis=0) for x, o in zip(residuals, records, strict=True))
+    return np.asarray(np.sqrt(squares / np.maximum(sum(o.samples for o in records), 1.0)))

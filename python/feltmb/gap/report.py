@@ -22,7 +22,7 @@ from feltmb.data import Array, Record
 from feltmb.files import make_folder, write_text
 from feltmb.fit.model import Candidate, Effect, Model
 from feltmb.gap.compare import simulated
-from feltmb.gap.figures import correlation, residuals, svg, told_set, waterfall
+from feltmb.gap.figures import correlation, residuals, svg, waterfall
 from feltmb.gap.records import same_number
 from feltmb.gap.result import (
     Cell,
@@ -213,7 +213,7 @@ def _remains(result: Result) -> str:
 def _unnamed(result: Result) -> list[str]:
     """Causes that are a part of the fit, but are not told."""
     told = {n.cause for g in (result.named, *result.classes) for n in g}
-    return [name for name in told_set(result) if name not in told]
+    return [name for name in result.told if name not in told]
 
 
 def _missing(result: Result) -> _Section:

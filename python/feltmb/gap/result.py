@@ -164,8 +164,6 @@ class Named:
     shape_names: tuple[str, ...] = ()
     by_record: tuple[float, ...] = ()
     """Magnitude in each fitted record by itself."""
-    same: float = 1.0
-    """Probability of such differences between records if the magnitude is one number [1]."""
     parameter: bool = False
     """Whether it is a parameter outside its tolerance; the magnitude is its value."""
     mechanism: str = ""
@@ -277,6 +275,8 @@ class Result:
     """Best explanation of what remains first; () if what remains does not matter."""
     apart: tuple[str, ...] = ()
     """For each class, the record in which its first two members differ most."""
+    told: tuple[str, ...] = ()
+    """Causes of the most probable set that agrees with the named ones and the classes."""
     unknowns: tuple[str, ...] = ()
     """Fitted parameters and magnitudes of the told set."""
     correlation: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)

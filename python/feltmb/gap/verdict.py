@@ -23,7 +23,7 @@ from feltmb.gap.linear import (
 )
 from feltmb.gap.locate import cells, events, most_different, places
 from feltmb.gap.options import Options
-from feltmb.gap.problem import Problem
+from feltmb.gap.problem import Problem, rms_of
 from feltmb.gap.progress import Stop
 from feltmb.gap.result import (
     Channel,
@@ -145,6 +145,7 @@ def judge(
         ),
         unknowns=unknowns,
         correlation=correlation,
+        told=tuple(problem.causes[i].name for i in best.causes) if told or classes else (),
         traces=_traces(problem, shown, alone, best, channels),
     )
 
@@ -321,26 +322,18 @@ def _named(
         return _in_each_record(problem, fitted, cause, probability)
     k = _index(problem, fitted, cause)
     x, sd = fitted.point.x[k], math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
-    values, same = _by_record(problem, fitted, cause)
-    if found.effect is None:
-        assert found.parameter is not None
-        p = problem.model.parameters[found.parameter]
-        scale, zero, unit, changes = problem.unit[k], p.value, p.unit, p.name
-        low, high = p.lower, p.upper
-        shape, mechanism, remedy = None, "", ""
-        if (alias := found.alias) is not None:
-            scale, zero, unit = scale / alias.tolerance_ratio, 0.0, alias.unit
-            low, high = alias.bounds
-            mechanism, remedy = alias.mechanism, alias.remedy
-        names: tuple[str, ...] = ()
+    values, _ = _by_record(problem, fitted, cause)
+    effect, words, shape, changes, zero = found.effect, found.effect or found.alias, None, "", 0.0
+    if effect is not None:
+        scale = effect.scale
+        shape = shapes_of(problem, fitted.members, fitted.point.x)[k - len(problem.free)].shape
     else:
-        effect = found.effect
-        scale, zero, unit, changes = effect.scale, 0.0, effect.unit, ""
-        low, high = effect.bounds
-        members = [m for m in fitted.members if problem.causes[m.cause].effect is not None]
-        at = members.index(next(m for m in members if m.cause == cause))
-        shape = shapes_of(problem, fitted.members, fitted.point.x)[at].shape
-        names, mechanism, remedy = effect.shape_names, effect.mechanism, effect.remedy
+        scale = problem.unit[k] / (1.0 if words is None else words.tolerance_ratio)
+        p = problem.model.parameters[problem.free[k]]
+        changes, unit, (low, high) = p.name, p.unit, (p.lower, p.upper)
+        zero = p.value
+    if words is not None:
+        zero, unit, (low, high) = 0.0, words.unit, words.bounds
     half = HALF * sd * abs(scale)
     value = zero + scale * x
     return Named(
@@ -352,13 +345,12 @@ def _named(
         high=float(min(value + half, high)),
         probability=probability,
         shape=shape,
-        shape_names=names,
+        shape_names=() if effect is None else effect.shape_names,
         by_record=tuple(float(zero + scale * v) for v in values),
-        same=same,
-        parameter=found.effect is None and found.alias is None,
+        parameter=words is None,
         changes=changes,
-        mechanism=mechanism,
-        remedy=remedy,
+        mechanism="" if words is None else words.mechanism,
+        remedy="" if words is None else words.remedy,
     )
 
 
@@ -445,11 +437,7 @@ def _traces(
 
 def _rms(problem: Problem, fitted: Fitted) -> Array:
     """Rms of the residual by channel [its unit], (m,)."""
-    squares = sum(
-        ((x.residual * o.sd) ** 2).sum(axis=0)
-        for x, o in zip(fitted.linears, problem.fit, strict=True)
-    )
-    return np.asarray(np.sqrt(squares / np.maximum(problem.samples, 1.0)))
+    return rms_of(problem.fit, (x.residual for x in fitted.linears))
 
 
 def _white(problem: Problem, fitted: Fitted, c: int) -> float:
@@ -483,10 +471,7 @@ def _channels(
         ),
     )
     seen = evaluate(problem, [Ask((), start, problem.fit, derivatives=False)])[0]
-    squares = sum(
-        ((x.residual * o.sd) ** 2).sum(axis=0) for x, o in zip(seen, problem.fit, strict=True)
-    )
-    tabulated = np.sqrt(squares / np.maximum(problem.samples, 1.0))
+    tabulated = rms_of(problem.fit, (x.residual for x in seen))
     calibrated, explained = _rms(problem, alone), _rms(problem, best)
     held = [None if (p := predicted.get(s.causes)) is None else p.rms(shown) for s in (alone, best)]
     out = []

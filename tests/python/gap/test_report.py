@@ -71,6 +71,7 @@ def report():
         events=(Event("fast", "impact", "angle", 0.5, 0.003, 0.0001, 1e-4),),
         places=(Place("tip joint", True, (0.002, 0.05), 80.0, (("sign of the speed", 0.8),)),),
         apart=("fast",),
+        told=("dry friction", "delay"),
         unknowns=("c", "k", "dry friction"),
         correlation=np.array([[1.0, 0.97, 0.1], [0.97, 1.0, 0.2], [0.1, 0.2, 1.0]]),
         traces=(Trace("slow", False, time, 0.05 * time, 0.01 * time),),
@@ -189,7 +190,8 @@ def test_a_search_that_ended_early_does_not_say_that_no_cause_is_missing(report)
 
 def test_a_cause_that_is_fitted_but_not_named_is_told(report):
     sets = (SetOfCauses(("dry friction", "delay", "wear"), 1.0, (0.011, 0.05)), *report.sets)
-    refused = replace(report, sets=sets, reasons=(Reason.DIFFERS_BETWEEN_RECORDS,))
+    reasons = (Reason.DIFFERS_BETWEEN_RECORDS,)
+    refused = replace(report, sets=sets, told=sets[0].causes, reasons=reasons)
     assert "wear" in refused.text().split("\nCalibration")[0]
     assert "not named" in refused.summary()
     assert "not named" not in report.summary()
