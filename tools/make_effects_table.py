@@ -23,10 +23,10 @@ def sizes_of(entries: list[Entry]) -> str:
 
 
 def shapes_of(entry: Entry) -> str:
-    if not entry.shape_path:
+    if entry.shape is None:
         return ""
-    values = ", ".join(f"{v:g}" for v in entry.shapes if v is not None)
-    return f"{entry.shape_path.rpartition('.')[2]} {values} {entry.shape_unit}".strip()
+    values = ", ".join(f"{v:g}" for v in entry.shape.values)
+    return f"{entry.shape.path.rpartition('.')[2]} {values} {entry.shape.unit}".strip()
 
 
 def shared(rows: list[list[str]]) -> list[str]:

@@ -131,14 +131,15 @@ def forms(entry: Entry, library: Library) -> list[tuple[str, list[tuple[Entry, f
             first.model_copy(update={"add": share}),
             first.model_copy(update={"path": path, "add": more}),
         )
-        out.append(("B", [(replace(entry, changes=changes), 1.0)]))
-    elif entry.insertion is not None and entry.insertion.kind == "clearance":
-        pin = entry.insertion.model_copy(update={"seating": 0.6})
-        seated = replace(entry, insertion=pin)
+        out.append(("B", [(entry.model_copy(update={"changes": changes}), 1.0)]))
+    elif entry.insert is not None and entry.insert.kind == "clearance":
+        pin = entry.insert.model_copy(update={"seating": 0.6})
+        seated = entry.model_copy(update={"insert": pin})
         out.append(("B", [(seated, 1.0)]))
-    elif entry.shape_path and len(entry.shapes) > 1:
-        low, high = (float(s) for s in (entry.shapes[0], entry.shapes[-1]) if s is not None)
-        out.append(("B", [(replace(entry, shapes=(float(np.sqrt(low * high)),)), 1.0)]))
+    elif entry.shape is not None and len(entry.shapes) > 1:
+        low, high = entry.shape.values[0], entry.shape.values[-1]
+        middle = entry.shape.model_copy(update={"values": (float(np.sqrt(low * high)),)})
+        out.append(("B", [(entry.model_copy(update={"shape": middle}), 1.0)]))
     elif family in MIXED:
         share, name, other_share = MIXED[family]
         second = library.effect(f"{name}.{rest}")

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -104,23 +104,26 @@ def _shared(entry: Entry, share: float, path: str, other: float) -> tuple[Change
 
 def _other_form(entry: Entry, rng: np.random.Generator) -> tuple[Entry, str]:
     """The same cause in another form than in the library, if there is one."""
-    if entry.insertion is not None and entry.insertion.kind == "clearance":
+    if entry.insert is not None and entry.insert.kind == "clearance":
         seating = 0.6
-        changed = entry.insertion.model_copy(update={"seating": seating})
-        return replace(entry, insertion=changed), f"the pin seats at {seating} N"
-    if entry.shape_path:
-        low, high = (s for s in (entry.shapes[0], entry.shapes[-1]) if s is not None)
+        pin = entry.insert.model_copy(update={"seating": seating})
+        return entry.model_copy(update={"insert": pin}), f"the pin seats at {seating} N"
+    if entry.shape is not None:
+        low, high = entry.shape.values[0], entry.shape.values[-1]
         value = float(np.exp(rng.uniform(np.log(low), np.log(high))))
-        what = entry.shape_path.rpartition(".")[2]
-        return replace(entry, shapes=(value,)), f"{what} = {value:.3g} {entry.shape_unit}"
+        what = entry.shape.path.rpartition(".")[2]
+        shape = entry.shape.model_copy(update={"values": (value,)})
+        told = f"{what} = {value:.3g} {shape.unit}"
+        return entry.model_copy(update={"shape": shape}), told
     if entry.name.startswith("coulomb_friction."):
         body = entry.name.partition(".")[2]
         dry, stribeck = _shared(entry, 0.8, f"bodies.{body}.friction.stribeck", 0.5)
-        return replace(entry, changes=(dry, stribeck)), "80 % dry friction, 50 % at slow turning"
+        both = entry.model_copy(update={"changes": (dry, stribeck)})
+        return both, "80 % dry friction, 50 % at slow turning"
     if entry.name.startswith("viscous_friction."):
         body = entry.name.partition(".")[2]
         linear, square = _shared(entry, 0.7, f"bodies.{body}.friction.quadratic", 0.2)
-        return replace(entry, changes=(linear, square)), "partly v^2"
+        return entry.model_copy(update={"changes": (linear, square)}), "partly v^2"
     return entry, ""
 
 

@@ -6,7 +6,7 @@ This layer is between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mo
 
 from feltmb.adapters.changes import Entry
 from feltmb.adapters.effects import effect_of
-from feltmb.adapters.findings import action_with_effects, write_planned_stroke, write_planned_torque
+from feltmb.adapters.findings import action_with_effects, write_planned_stroke
 from feltmb.adapters.library import Library, load_library
 from feltmb.adapters.model import (
     STROKE_KINDS,
@@ -28,5 +28,4 @@ __all__ = [
     "mechanism_model",
     "planned_strokes",
     "write_planned_stroke",
-    "write_planned_torque",
 ]

@@ -16,10 +16,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
+from feltmb.mechanism.numbers import read_entry, replace_entry
 from feltmb.units.quantity import SI, Schema, SIVector
 
 __all__ = [
@@ -29,25 +30,23 @@ __all__ = [
     "Condition",
     "Configurations",
     "Entry",
+    "EntryKeys",
     "InputError",
     "Insertion",
     "Kind",
     "SensorError",
+    "Shape",
     "Values",
     "alias_of",
     "applied",
     "changed_config",
     "insert",
-    "read_entry",
-    "replace_entry",
 ]
 
 Kind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
 
 #: Directions of the translations of a pivot.
 _DIRECTIONS = {"x": (1.0, 0.0), "y": (0.0, 1.0)}
-#: Place of a component of a point.
-_AXES = {"x": 0, "y": 1}
 
 
 class Change(Schema):
@@ -133,33 +132,48 @@ class Condition(Schema):
         return math.log10(value / self.reference) / self.per
 
 
-@dataclass(frozen=True, kw_only=True)
-class Entry:
-    """One effect or tolerance of a mechanism: changes per unit of magnitude, and texts."""
+class Shape(Schema):
+    """A number of the mechanism without influence at magnitude zero, and its values to be tried."""
 
-    name: str
-    kind: Kind
-    component: str
-    mechanism: str
-    unit: str
-    magnitude: float
-    """Effect: expected magnitude; tolerance: standard deviation [unit]."""
+    path: str
+    values: Annotated[tuple[float, ...], Field(min_length=1)]
+    unit: str = "1"
+
+
+class EntryKeys(Schema):
+    """Keys that an entry has in a file and in a library."""
+
+    component: str = ""
+    mechanism: str = ""
+    kind: Kind = "parameter"
+    unit: str = "1"
     sign: Literal[-1, 0, 1] = 0
     lower: float = -math.inf
     upper: float = math.inf
-    step: float = 0.05
+    step: Annotated[float, Field(gt=0, le=1)] = 0.05
     changes: tuple[Change, ...] = ()
-    insertion: Insertion | None = None
+    insert: Insertion | None = None
     sensor: SensorError | None = None
     input: InputError | None = None
     condition: Condition | None = None
-    shape_path: str = ""
-    shapes: tuple[float | None, ...] = (None,)
-    shape_unit: str = ""
+    shape: Shape | None = None
     remedy: str = ""
     source: str = ""
     part: str = ""
     """Name in a report: the subject of "... is 10 % lighter than tabulated"."""
+
+
+class Entry(EntryKeys):
+    """One effect or tolerance of a mechanism: changes per unit of magnitude, and texts."""
+
+    name: str
+    magnitude: float
+    """Effect: expected magnitude; tolerance: standard deviation [unit]."""
+
+    @property
+    def shapes(self) -> tuple[float | None, ...]:
+        """Values of the number of its shape; (None,) without one."""
+        return self.shape.values if self.shape else (None,)
 
     def in_record(self, magnitude: float, conditions: Mapping[str, float | str]) -> float:
         """Magnitude under the conditions of a record."""
@@ -168,61 +182,6 @@ class Entry:
 
 #: Entries with their magnitudes and shapes.
 Chosen = Sequence[tuple[Entry, float, float | None]]
-
-
-# ------------------------------------------------------------------------------- values by path
-
-
-def _steps(config: MechanismFile, path: str) -> list[str]:
-    parts = path.split(".")
-    if parts[0] in config.bodies and parts[0] not in MechanismFile.model_fields:
-        parts = ["bodies", *parts]
-    return parts
-
-
-def _child(node: Any, key: str, path: str) -> Any:
-    if isinstance(node, BaseModel) and key in type(node).model_fields:
-        return getattr(node, key)
-    if isinstance(node, Mapping) and key in node:
-        return node[key]
-    if isinstance(node, tuple):
-        index = _AXES.get(key, int(key) if key.isdecimal() else -1)
-        if 0 <= index < len(node):
-            return node[index]
-    raise InvalidParameter(f"path {path!r}: {key!r} does not exist")
-
-
-def read_entry(config: MechanismFile, path: str) -> Any:
-    """Value of an entry in SI units.
-
-    Raises
-    ------
-    InvalidParameter
-        The path does not exist.
-    """
-    node: Any = config
-    for key in _steps(config, path):
-        node = _child(node, key, path)
-    return node
-
-
-def _replaced(node: Any, parts: list[str], value: Any, path: str) -> Any:
-    if not parts:
-        return value
-    key, rest = parts[0], parts[1:]
-    new = _replaced(_child(node, key, path), rest, value, path)
-    if isinstance(node, BaseModel):
-        return node.model_copy(update={key: new})
-    if isinstance(node, Mapping):
-        return {**node, key: new}
-    index = _AXES.get(key, int(key) if key.isdecimal() else -1)
-    return (*node[:index], new, *node[index + 1 :])
-
-
-def replace_entry(config: MechanismFile, path: str, value: Any) -> MechanismFile:
-    """Mechanism with one entry replaced (SI units); the rest is neither copied nor checked."""
-    out: MechanismFile = _replaced(config, _steps(config, path), value, path)
-    return out
 
 
 def applied(changes: Iterable[tuple[Change, float]], old: Mapping[str, Any]) -> dict[str, float]:
@@ -285,7 +244,7 @@ class Configurations:
         sizes = [(e, e.in_record(m, conditions or {}), shape) for e, m, shape in entries]
         sizes = [one for one in sizes if one[1] != 0.0]
         new: dict[str, Any] = {
-            e.shape_path: shape for e, _, shape in sizes if e.shape_path and shape is not None
+            e.shape.path: shape for e, _, shape in sizes if e.shape and shape is not None
         }
         with self._lock:
             old = self._old
@@ -301,8 +260,8 @@ class Configurations:
             config = config if new else self._file
             self._new, self._config = new, config
         for e, magnitude, _ in sizes:
-            if e.insertion is not None:
-                config = insert(config, e.insertion, magnitude)
+            if e.insert is not None:
+                config = insert(config, e.insert, magnitude)
         return config
 
 
@@ -529,11 +488,11 @@ def _plain(entry: Entry) -> bool:
     """Whether an entry only changes values, equally in every record."""
     return (
         bool(entry.changes)
-        and entry.insertion is None
+        and entry.insert is None
         and entry.sensor is None
         and entry.input is None
         and entry.condition is None
-        and not entry.shape_path
+        and entry.shape is None
     )
 
 

@@ -28,12 +28,7 @@ AXES = (".x", ".y")
 
 @checked
 def effect_of(
-    entry: Entry,
-    outputs: Sequence[str],
-    channels: Mapping[str, Sequence[str]],
-    *,
-    tolerance_parameter: str = "",
-    tolerance_ratio: float = 1.0,
+    entry: Entry, outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
 ) -> Effect:
     """Make an effect from an entry of a library.
 
@@ -43,11 +38,6 @@ def effect_of(
         Outputs of the model, on which sensor effects act.
     channels
         Outputs by channel name.
-    tolerance_parameter
-        Tolerance that changes the same values.
-    tolerance_ratio
-        Change of this tolerance that acts as a magnitude of 1 does [unit of the tolerance per unit
-        of the effect].
     """
     observe: Any = None
     excite: Any = None
@@ -71,8 +61,6 @@ def effect_of(
         step=entry.step,
         observe=observe,
         excite=excite,
-        tolerance_parameter=tolerance_parameter,
-        tolerance_ratio=tolerance_ratio,
         data=data,
     )
 

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import copy
-import math
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from feltmb.adapters.changes import Chosen, changed_config, read_entry
+from feltmb.adapters.changes import Chosen, changed_config
 from feltmb.arguments import checked
 from feltmb.data import Array
 from feltmb.errors import InvalidParameter
 from feltmb.files import write_text
 from feltmb.mechanism import Action, MechanismFile, expand_path
-from feltmb.mechanism.values import tidy
+from feltmb.mechanism.numbers import read_entry
+from feltmb.mechanism.values import component, si_factor, tidy
 from feltmb.run.stroke.strokes import Kind, usual_interpolation
-from feltmb.units import conversion_factor, split_quantity
+from feltmb.units import split_quantity, unit_suffix
 from feltmb.units.quantity import is_quantity
 
 __all__ = [
@@ -27,7 +27,6 @@ __all__ = [
     "points_at",
     "write_mechanism",
     "write_planned_stroke",
-    "write_planned_torque",
 ]
 
 
@@ -98,16 +97,16 @@ def action_of_findings(
             f"{action.name}: {', '.join(drifting)} depend on a condition of the record, expected "
             "effects that are the same in every record; take them out first"
         )
-    numbers = [(e, m, s) for e, m, s in used if e.insertion is None]
+    numbers = [(e, m, s) for e, m, s in used if e.insert is None]
     raw, old = action.raw, action.config
     new = changed_config(old, numbers)
     paths = dict.fromkeys(c.path for e, _, _ in numbers for c in e.changes)
-    paths |= dict.fromkeys(e.shape_path for e, _, s in numbers if e.shape_path and s is not None)
+    paths |= dict.fromkeys(e.shape.path for e, _, s in numbers if e.shape and s is not None)
     for path in paths:
         before, after = read_entry(old, path), read_entry(new, path)
         if before != after:
             _put(raw, path, float(before), float(after), provenance)
-    inserted = changed_config(new, [(e, m, s) for e, m, s in used if e.insertion])
+    inserted = changed_config(new, [(e, m, s) for e, m, s in used if e.insert])
     if inserted is not new:
         _put_parts(raw, new, inserted)
     raw["name"] = f"{action.name.removesuffix('_calibrated')}_calibrated"
@@ -119,7 +118,7 @@ def _about(action: Action, used: Chosen, provenance: str, besides: Sequence[str]
     """Text about a calibrated mechanism."""
     about = str(action.raw.get("about", "")) or action.name
     about = f"{about.partition('; calibrated by ')[0]}; calibrated by {provenance}"
-    found = [f"{e.name} = {m:.6g} {e.unit}".removesuffix(" 1") for e, m, _ in used if e.insertion]
+    found = [f"{e.name} = {m:.6g} {e.unit}".removesuffix(" 1") for e, m, _ in used if e.insert]
     if found:
         about += f"; inserted: {', '.join(found)}"
     if besides:
@@ -128,87 +127,50 @@ def _about(action: Action, used: Chosen, provenance: str, besides: Sequence[str]
 
 
 def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance: str) -> None:
-    """Replace a number of the file by a value in SI units, converted to the unit in the file."""
-    parts = expand_path(raw, path)[0]
+    """Replace a number of the file, in its unit there; its note tells what it was.
+
+    ``before`` and ``after`` are in SI units. The components of a point share one note, and so do
+    the coefficients of a curve.
+    """
+    *tables, last = expand_path(raw, path)[0]
     above: Any = None
     node: Any = raw
-    for part in parts[:-1]:
-        if isinstance(node, dict) and part not in node:
-            node[part] = {}  # an entry that is missing in the file has its default
-        above, node = node, node[part]
-    last = parts[-1]
+    for name in tables:
+        above, node = node, node.setdefault(name, {})  # a missing entry has its default
     if isinstance(node, list):
-        node = above[parts[-2]] = {"value": node}
-    if is_quantity(node):
-        _put_component(node, last, before, after, provenance)
-        return
-    said = {"source": provenance, "status": "fitted"}
-    leaf = node.get(last)
+        node = above[tables[-1]] = {"value": node}
+    shares = is_quantity(node) or isinstance(node.get("unit"), list)
+    if not shares:
+        node[last] = node = _quantity(node.get(last))
+    values: Any = node
+    key: Any = last if shares else "value"
+    if shares and is_quantity(node):
+        values, key = node["value"], component(last)
+    old, unit = values[key], node.get("unit", "")
+    unit = unit if isinstance(unit, str) else ""
+    if isinstance(old, (int, float)) and old * before != 0.0:
+        values[key] = tidy(old * (after / before))
+    else:
+        values[key] = tidy(after / si_factor(None, unit))
+    shown = f"{before if old is None else old:.6g}" if not isinstance(old, str) else old
+    notes = [f"{last} before" if shares else "before", shown + unit_suffix(unit or "1")]
+    notes, earlier = [" ".join(notes)], node.get("note", "")
+    if node.get("source") == provenance:
+        notes.insert(0, earlier)
+    else:
+        notes[0] += f" ({node['source']})" if node.get("source") else ""
+        notes.append(earlier)
+    node.pop("sd", None)  # of the old value
+    said = {"source": provenance, "status": "fitted", "note": "; ".join(filter(None, notes))}
+    node.update(said)
+
+
+def _quantity(leaf: Any) -> dict[str, Any]:
+    """Value and unit of an entry of a file as a table."""
     if is_quantity(leaf):
-        number, unit, source = leaf["value"], str(leaf.get("unit", "")), leaf.get("source", "")
-        note = _note(number, unit, source, leaf.get("note", ""))
-        node[last] = _scaled(float(number), unit, before, after) | said | {"note": note}
-    elif isinstance(leaf, str) and (found := split_quantity(leaf)) is not None:
-        note = _note(found[0], found[1], "", "")
-        node[last] = _scaled(found[0], found[1], before, after) | said | {"note": note}
-    elif isinstance(node.get("unit"), list):
-        # The values of a curve share one description.
-        was = f"{last} before {leaf:.6g}"
-        if node.get("source") != provenance:
-            was = _note(leaf, "", node.get("source", ""), node.get("note", "")).replace(
-                "before", f"{last} before", 1
-            )
-            node["note"] = was
-        else:
-            node["note"] = f"{node['note']}; {was}"
-        node[last] = tidy(_scaled(float(leaf), "", before, after)["value"])
-        node.update(said)
-    else:
-        source = node.get("source", "") if leaf is not None else ""
-        note = _note(before, "", source, "")
-        node[last] = {"value": tidy(after)} | said | {"note": note}
-
-
-def _put_component(
-    node: dict[str, Any], axis: str, before: float, after: float, provenance: str
-) -> None:
-    """One component of a point."""
-    index = {"x": 0, "y": 1}.get(axis, int(axis) if axis.isdecimal() else 0)
-    values, unit = list(node["value"]), str(node.get("unit", ""))
-    was = list(node["value"])
-    if unit and before != 0.0 and isinstance(was[index], (int, float)) and was[index]:
-        values[index] = tidy(was[index] * (after / before))
-    else:
-        values[index] = tidy(after / _to_si(unit))
-    if node.get("source") != provenance:
-        node["note"] = _note(was, unit, node.get("source", ""), node.get("note", ""))
-    node.update({"value": values, "source": provenance, "status": "fitted"})
-
-
-def _to_si(unit: str) -> float:
-    """Factor of the unit of a vector, i.e. a position or gravity."""
-    for si in ("m", "m/s^2"):
-        try:
-            return conversion_factor(unit or si, si)
-        except InvalidParameter:
-            continue
-    return 1.0
-
-
-def _scaled(number: float, unit: str, before: float, after: float) -> dict[str, Any]:
-    """The new value in the unit of the file; in SI without a unit if the old value is zero."""
-    if number == 0.0 or before == 0.0 or not math.isfinite(before / number):
-        return {"value": tidy(after)}
-    out: dict[str, Any] = {"value": tidy(number * (after / before))}
-    return out | ({"unit": unit} if unit else {})
-
-
-def _note(number: Any, unit: str, source: str, note: str) -> str:
-    """The old value, its source, and its old note."""
-    shown = f"{number:.6g}" if isinstance(number, (int, float)) else str(number)
-    text = f"before {shown} {unit}".rstrip()
-    text += f" ({source})" if source else ""
-    return f"{text}; {note}" if note else text
+        return dict(leaf)
+    found = split_quantity(leaf) if isinstance(leaf, str) else None
+    return {"value": leaf} if found is None else {"value": found[0], "unit": found[1]}
 
 
 def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> None:
@@ -271,26 +233,6 @@ def write_planned_stroke(
         },
     }
     return write_text(path, tomlkit.dumps(table), force=force)
-
-
-@checked
-def write_planned_torque(path: Path, time: Array, torque: Array, *, force: bool = False) -> Path:
-    """Write a torque as CSV, for ``feltmb actuator`` and the controller of a key actuator.
-
-    Parameters
-    ----------
-    path
-        The file.
-    time
-        Times [s], evenly spaced.
-    torque
-        Torque of the motor [N m].
-    force
-        Whether an existing file is overwritten.
-    """
-    lines = ["time [s],torque [N m]"]
-    lines += [f"{t:.9g},{v:.9g}" for t, v in zip(time, torque, strict=True)]
-    return write_text(path, "\n".join(lines) + "\n", force=force)
 
 
 # ------------------------------------------------------------------------------------- places

@@ -10,7 +10,7 @@ import difflib
 import fnmatch
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -19,20 +19,12 @@ from pydantic import Field
 from scipy.optimize import brentq
 
 from feltmb import params
-from feltmb.adapters.changes import (
-    Change,
-    Condition,
-    Entry,
-    InputError,
-    Insertion,
-    Kind,
-    SensorError,
-    read_entry,
-)
+from feltmb.adapters.changes import Change, Entry, EntryKeys
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.files import MOST_EXTENDS, beside, is_file, read_toml
+from feltmb.files import MOST_EXTENDS, read_toml
 from feltmb.mechanism import Action, Body, Contact, Curve, MechanismFile
+from feltmb.mechanism.numbers import read_entry
 from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
 __all__ = ["Library", "LibraryFile", "Until", "load_library"]
@@ -62,41 +54,18 @@ class _MagnitudeOf(Schema):
     """If the entry is zero: share of the weight on a slider, or of its moment on a hinge."""
 
 
-class _ShapeTable(Schema):
-    path: str
-    values: Annotated[list[float], Field(min_length=1)]
-    unit: str = "1"
-
-
-class _Table(Schema):
-    """One effect or tolerance of the file."""
+class _Table(EntryKeys):
+    """One effect or tolerance of the file, or one for each part of a kind."""
 
     each: Annotated[Each, Field(alias="for")] = ""
     label: str = ""
-    component: str = ""
-    mechanism: str = ""
-    kind: Kind = "parameter"
-    unit: str = "1"
     magnitude: float | str | None = None
     magnitude_of: _MagnitudeOf | None = None
     sd: float | str | None = None
-    sign: Literal[-1, 0, 1] = 0
-    lower: float = -math.inf
-    upper: float = math.inf
-    step: Annotated[float, Field(gt=0, le=1)] = 0.05
-    changes: list[Change] = []
     felt: Literal["", "stiffness", "hardening", "thickness"] = ""
     felt_all: float = 0.0
     joints_all: float = 0.0
-    insert: Insertion | None = None
-    sensor: SensorError | None = None
-    input: InputError | None = None
-    condition: Condition | None = None
-    shape: _ShapeTable | None = None
-    remedy: str = ""
-    source: str = ""
     note: str = ""
-    part: str = ""
 
 
 class Until(Schema):
@@ -197,26 +166,13 @@ def _chosen(
     return tuple(out.values())
 
 
-def _resolve(name_or_path: str | Path, user: Path | None = None) -> Path:
-    text = str(name_or_path)
-    if text in params.names("effects"):
-        return params.folder("effects") / f"{text}.toml"
-    path = Path(text) if user is None else beside(user.parent, text, f"{user.name}: extends")
-    if is_file(path):
-        return path
-    known = ", ".join(params.names("effects"))
-    raise InvalidParameter(
-        f"library {text!r} is unknown; packaged are {known}; or give the path of a TOML file"
-    )
-
-
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
     own = validated(LibraryFile, read_toml(path), path.name)
     if own.extends is None:
         return own
     if len(seen) >= MOST_EXTENDS:
         raise InvalidParameter(f"{path.name}: more than {MOST_EXTENDS} files extend one another")
-    base_path = _resolve(own.extends, path)
+    base_path = params.find(own.extends, "effects", "library", beside=path.parent)
     if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
         raise InvalidParameter(f"{path.name}: extends {own.extends!r}, which leads back to itself")
     base = _read(base_path, (*seen, path))
@@ -261,7 +217,7 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
     """
     if name_or_path is None:
         name_or_path = _library_of(action.name)
-    path = _resolve(name_or_path)
+    path = params.find(name_or_path, "effects", "library")
     file = _read(path)
     config = action.config
     outputs = file.channels
@@ -299,65 +255,50 @@ def _all_points(config: MechanismFile) -> Iterator[str]:
         yield from (f"{name}.x", f"{name}.y")
 
 
-#: Bodies to which a table applies, by its ``for``.
-_BODIES: Mapping[str, Callable[[MechanismFile, Body], bool]] = {
-    "body": lambda _, body: body.mass > 0.0,
-    "joint": lambda _, body: body.joint != "weld",
-    "pivot": lambda config, body: body.joint == "revolute" and not _slides(config, body),
-    "beam": lambda _, body: body.kind == "beam" and not body.rigid,
-    "rigid beam": lambda _, body: (
-        body.kind == "beam" and body.rigid and bool(body.young_modulus) and bool(body.second_moment)
-    ),
-}
-
-
 def _slides(config: MechanismFile, body: Body) -> bool:
     """Whether a body is on a slider without mass, so that its pivot has a translation already."""
     above = config.bodies.get(body.parent)
     return above is not None and above.joint == "prismatic" and above.mass == 0.0
 
 
-def _bodies(
-    config: MechanismFile, wanted: Callable[[MechanismFile, Body], bool]
-) -> Iterator[dict[str, str]]:
-    for name, body in config.bodies.items():
-        if wanted(config, body):
-            angular = body.joint == "revolute"
-            yield {
-                "name": name,
-                "label": body.label or name,
-                "joint_force": "N m" if angular else "N",
-                "joint_motion": "rad" if angular else "m",
-            }
+def _names(config: MechanismFile, channels: Iterable[str]) -> Mapping[Each, Iterable[str]]:
+    """Names of the items to which a table applies, by its ``for``."""
+    bodies, string = config.bodies.items(), config.string
+    joints = [(n, b) for n, b in bodies if b.joint != "weld"]
+    beams = [(n, b) for n, b in bodies if b.kind == "beam"]
+    contacts = [(n, c) for n, c in config.contacts.items() if c.enabled]
+    return {
+        "": [""],
+        "body": [n for n, b in bodies if b.mass > 0.0],
+        "joint": [n for n, _ in joints],
+        "pivot": [n for n, b in joints if b.joint == "revolute" and not _slides(config, b)],
+        "contact": [n for n, _ in contacts],
+        "rubbing contact": [n for n, c in contacts if c.friction.amplitude != 0.0],
+        "beam": [n for n, b in beams if not b.rigid],
+        "rigid beam": [n for n, b in beams if b.rigid and b.young_modulus and b.second_moment],
+        "spring": [n for n, s in config.springs.items() if s.enabled],
+        "strap": [n for n, s in config.straps.items() if s.enabled],
+        "string": [""] if string is not None and string.kind == "modal" else [],
+        "point": config.points,
+        "channel": channels,
+        "finger": [] if config.finger is None else [config.finger.body],
+    }
 
 
-def _contacts(config: MechanismFile, *, rubbing: bool) -> Iterator[dict[str, str]]:
-    for name, contact in config.contacts.items():
-        if contact.enabled and (contact.friction.amplitude != 0.0 or not rubbing):
-            yield {"name": name, "label": contact.label or f"contact {name}"}
-
-
-def _each(
-    config: MechanismFile, each: Each, channels: Mapping[str, list[str]]
-) -> Iterator[dict[str, str]]:
-    """Substitutions for each item to which a template applies."""
-    if each in _BODIES:
-        yield from _bodies(config, _BODIES[each])
-    elif each in ("contact", "rubbing contact"):
-        yield from _contacts(config, rubbing=each != "contact")
-    elif each in ("spring", "strap"):
-        parts: Mapping[str, Any] = getattr(config, f"{each}s")
-        for name, part in parts.items():
-            if part.enabled:
-                yield {"name": name, "label": name.replace("_", " ")}
-    elif each in ("point", "channel"):
-        for name in config.points if each == "point" else channels:
-            yield {"name": name}
-    elif each == "finger":
-        if config.finger is not None:
-            yield {"finger_body": config.finger.body}
-    elif not each or (config.string is not None and config.string.kind == "modal"):
-        yield {}
+def _words(config: MechanismFile, each: Each, name: str) -> dict[str, str]:
+    """Substitutions for an item to which a table applies."""
+    if each in ("contact", "rubbing contact"):
+        return {"name": name, "label": config.contacts[name].label or f"contact {name}"}
+    body = config.bodies.get(name)
+    if body is None or each in ("spring", "strap", "point", "channel"):
+        return {"name": name, "label": name.replace("_", " ")}
+    angular = body.joint == "revolute"
+    return {
+        "name": name,
+        "label": body.label or name,
+        "joint_force": "N m" if angular else "N",
+        "joint_motion": "rad" if angular else "m",
+    }
 
 
 T = TypeVar("T")
@@ -384,12 +325,13 @@ def _entries(
     *,
     tolerance: bool,
 ) -> Iterator[Entry]:
-    section = "tolerances" if tolerance else "effects"
+    section, items = "tolerances" if tolerance else "effects", _names(config, channels)
     for template, table in tables.items():
-        for words in _each(config, table.each, channels):
+        for item in items[table.each]:
+            words = _words(config, table.each, item)
             name = _filled(template, words)
             try:
-                entry = _entry(config, name, _filled(table, words), words.get("name", ""))
+                entry = _entry(config, name, _filled(table, words), item)
                 if entry is not None and tolerance and not entry.changes:
                     raise InvalidParameter(
                         "a tolerance moves entries of the mechanism: give changes or felt"
@@ -440,30 +382,10 @@ def _entry(config: MechanismFile, name: str, table: _Table, item: str) -> Entry 
     ways = [changes, table.insert, table.sensor, table.input]
     if sum(bool(w) for w in ways) != 1:
         raise InvalidParameter("give exactly one of changes or felt, insert, sensor, input")
-    shape = table.shape
-    return Entry(
-        name=name,
-        kind=table.kind,
-        component=table.component or table.label,
-        mechanism=table.mechanism or table.label,
-        unit=table.unit,
-        magnitude=magnitude,
-        sign=table.sign,
-        lower=table.lower,
-        upper=table.upper,
-        step=table.step,
-        changes=tuple(changes),
-        insertion=table.insert,
-        sensor=table.sensor,
-        input=table.input,
-        condition=table.condition,
-        shape_path=shape.path if shape else "",
-        shapes=tuple(shape.values) if shape else (None,),
-        shape_unit=shape.unit if shape else "",
-        remedy=table.remedy,
-        source=table.source,
-        part=table.part,
-    )
+    given = {key: getattr(table, key) for key in EntryKeys.model_fields}
+    given |= {key: given[key] or table.label for key in ("component", "mechanism")}
+    given |= {"name": name, "magnitude": magnitude, "changes": tuple(changes)}
+    return Entry.model_construct(**given)
 
 
 def _changes(config: MechanismFile, table: _Table, item: str) -> list[Change] | None:

@@ -388,20 +388,16 @@ def mechanism_model(
     model = MechanismModel(
         action, library, library.outputs(channels), tolerances=estimated, **options
     )
-    chosen = [e for e in library.select(effects) if _can_show(model, e)]
-    ready = []
-    for e in chosen:
-        alias = model.simulator.alias(e)
-        ready.append(
-            effect_of(
-                e,
-                model.outputs,
-                library.channels,
-                tolerance_parameter="" if alias is None else alias.tolerance.name,
-                tolerance_ratio=1.0 if alias is None else alias.ratio(0.0, 0.0),
-            )
-        )
-    model.effects, model.offers_all = tuple(ready), True
+    made = []
+    for e in library.select(effects):
+        if not _can_show(model, e):
+            continue
+        effect = effect_of(e, model.outputs, library.channels)
+        if (alias := model.simulator.alias(e)) is not None:
+            name, ratio = alias.tolerance.name, alias.ratio(0.0, 0.0)
+            effect = replace(effect, tolerance_parameter=name, tolerance_ratio=ratio)
+        made.append(effect)
+    model.effects, model.offers_all = tuple(made), True
     return model, model.effects
 
 

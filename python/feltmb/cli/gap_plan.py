@@ -38,9 +38,8 @@ if TYPE_CHECKING:
     from feltmb.cli.models import Adapter, Stated
     from feltmb.data import ReadOptions, Record, Sensor
     from feltmb.experiment import Belief, Design, DesignedExperiment, Limits, Visible
-    from feltmb.experiment.files import InputFiles
 
-__all__ = ["input_files", "plan"]
+__all__ = ["plan", "write_inputs"]
 
 #: Largest numbers of causes, and of helpful tests or sensors, that are listed.
 MOST_CAUSES, MOST_HELP = 12, 5
@@ -154,39 +153,43 @@ def plan(
             say("The data count by their inputs and sensors only; --report adds what they say.")
     if out is not None:
         units = {**adapter.model.units, **{n: i.unit for n, i in allowed.inputs.items()}}
-        files = input_files(adapter, units, lever=lever, force=force)
-        for path in write_design(found, out, units=units, input_files=files, force=force):
+        written = write_design(found, out, units=units, force=force)
+        for i, e in enumerate(found.experiments, 1):
+            if e.record is not None:
+                written += write_inputs(e, out / f"{i}", adapter, units, lever=lever, force=force)
+        for path in written:
             if not as_json:
                 say_written(path)
 
 
-def input_files(
-    adapter: Adapter, units: Mapping[str, str], *, lever: float | None = None, force: bool
-) -> InputFiles:
-    """Function that writes planned inputs as strokes of a mechanism, and as torque of an arm."""
-    from feltmb.adapters import write_planned_stroke, write_planned_torque
+def write_inputs(
+    experiment: DesignedExperiment,
+    stem: Path,
+    adapter: Adapter,
+    units: Mapping[str, str],
+    *,
+    lever: float | None = None,
+    force: bool,
+) -> list[Path]:
+    """Write a planned input as the stroke of a mechanism, and as the torque of an arm."""
+    from feltmb.adapters import write_planned_stroke
+    from feltmb.experiment.files import write_columns
 
-    def write(experiment: DesignedExperiment, stem: Path) -> list[Path]:
-        assert experiment.profile is not None
-        assert experiment.record is not None
-        time, value = experiment.profile.knots()
-        unit, out = units.get(experiment.input, "1"), []
-        if experiment.input in adapter.kinds:
-            path = stem.with_name(f"{stem.name}.toml")
-            kind = adapter.kinds[experiment.input]
-            out.append(
-                write_planned_stroke(
-                    path, kind, time, value, unit=unit, about=experiment.name, force=force
-                )
-            )
-        if lever is not None and unit == "N":
-            path = stem.with_name(f"{stem.name}_torque.csv")
-            # Evenly sampled: a table with long pauses would count as damaged.
-            clock, forces = experiment.record.time, experiment.record.inputs[experiment.input]
-            out.append(write_planned_torque(path, clock, lever * forces, force=force))
-        return out
-
-    return write
+    assert experiment.profile is not None
+    assert experiment.record is not None
+    name, out = experiment.input, []
+    unit = units.get(name, "1")
+    if name in adapter.kinds:
+        path, (time, value) = stem.with_name(f"{stem.name}.toml"), experiment.profile.knots()
+        kind, about = adapter.kinds[name], experiment.name
+        write_planned_stroke(path, kind, time, value, unit=unit, about=about, force=force)
+        out.append(path)
+    if lever is not None and unit == "N":
+        path = stem.with_name(f"{stem.name}_torque.csv")
+        # Evenly sampled: a table with long pauses would count as damaged.
+        columns = {"torque": (lever * experiment.record.inputs[name], "N m")}
+        out.append(write_columns(path, experiment.record.time, columns, force=force))
+    return out
 
 
 def _limits(model: str, adapter: Adapter, file: Path | None) -> Limits:

@@ -1,13 +1,13 @@
 """Files of a plan: inputs for a controller, figures, all numbers.
 
 For experiment 1: ``1.csv`` (time and inputs) and ``1.png``. ``plan.json`` holds all numbers, those
-of tests of parts too. The caller may add files of inputs in other formats.
+of tests of parts too.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,16 +15,13 @@ from typing import Any
 import numpy as np
 
 from feltmb.arguments import checked
+from feltmb.data import Array
 from feltmb.experiment.designs import Design, DesignedExperiment
 from feltmb.files import make_folder, write_file, write_text
 from feltmb.gap.result import plain
 from feltmb.style import new_figure, reader_unit, side_legend, style_axes
 
-__all__ = ["InputFiles", "design_json", "reasons", "write_design"]
-
-#: Writes the input of an experiment in other formats, at a path without an ending, and returns what
-#: was written.
-InputFiles = Callable[[DesignedExperiment, Path], Sequence[Path]]
+__all__ = ["design_json", "reasons", "write_columns", "write_design"]
 
 
 @checked
@@ -76,7 +73,6 @@ def write_design(
     folder: str | Path,
     *,
     units: Mapping[str, str] | None = None,
-    input_files: InputFiles | None = None,
     force: bool = False,
 ) -> list[Path]:
     """Write the files of a plan into a folder.
@@ -89,8 +85,6 @@ def write_design(
         Folder of the files.
     units
         SI units by input and output.
-    input_files
-        Function that writes inputs in further formats.
     force
         Whether existing files are overwritten.
 
@@ -106,20 +100,18 @@ def write_design(
     for i, e in enumerate(design.experiments, 1):
         if e.record is None:
             continue
-        out.append(_inputs(e, folder / f"{i}.csv", known, force=force))
-        if input_files is not None:
-            out += input_files(e, folder / str(i))
+        columns = {n: (v, known.get(n, "1")) for n, v in e.record.inputs.items()}
+        out.append(write_columns(folder / f"{i}.csv", e.record.time, columns, force=force))
         out.append(_picture(e, folder / f"{i}.png", known, force=force))
     return out
 
 
-def _inputs(e: DesignedExperiment, path: Path, units: Mapping[str, str], *, force: bool) -> Path:
-    """CSV of the inputs over time."""
-    assert e.record is not None
-    names = list(e.record.inputs)
-    head = ["time [s]"]
-    head += [n if units.get(n, "1") == "1" else f"{n} [{units[n]}]" for n in names]
-    table = np.column_stack([e.record.time, *(e.record.inputs[n] for n in names)])
+def write_columns(
+    path: Path, time: Array, columns: Mapping[str, tuple[Array, str]], *, force: bool = False
+) -> Path:
+    """CSV of inputs over time [s], for a controller; ``columns``: values and unit by name."""
+    head = ["time [s]", *(n if u == "1" else f"{n} [{u}]" for n, (_, u) in columns.items())]
+    table = np.column_stack([time, *(values for values, _ in columns.values())])
     lines = [",".join(head), *(",".join(f"{v:.9g}" for v in row) for row in table)]
     return write_text(path, "\n".join(lines) + "\n", force=force)
 

@@ -10,8 +10,10 @@ from typing import Any, NamedTuple
 from pydantic import BaseModel
 
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism.schema import Body, Contact
+from feltmb.mechanism.schema import Body, Contact, MechanismFile
 from feltmb.mechanism.values import (
+    AXES,
+    component,
     expand_path,
     is_bare,
     si_factor,
@@ -21,18 +23,18 @@ from feltmb.mechanism.values import (
 from feltmb.units.quantity import shortened, unit_of
 
 __all__ = [
-    "AXES",
     "BareChange",
     "Parameter",
     "Value",
     "bare_changes",
     "number_at",
     "numbers_below",
+    "read_entry",
+    "replace_entry",
 ]
 
 #: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
-AXES = ("x", "y")
 
 #: Size of a parameter with the value zero, by unit; changes are relative to it.
 _SIZE_AT_ZERO = {
@@ -178,6 +180,56 @@ def number_at(config: BaseModel, names: list[str]) -> Value:
             f"value: {shortened(path)} is {shortened(hint, 300)}, expected a number"
         )
     return Value(node, _unit(config, parents, names))
+
+
+def _child(node: Any, key: str, path: str) -> Any:
+    if isinstance(node, BaseModel) and key in type(node).model_fields:
+        return getattr(node, key)
+    if isinstance(node, Mapping) and key in node:
+        return node[key]
+    if isinstance(node, tuple) and 0 <= (index := component(key)) < len(node):
+        return node[index]
+    raise InvalidParameter(f"path {path!r}: {key!r} does not exist")
+
+
+def _parts(config: MechanismFile, path: str) -> list[str]:
+    parts = path.split(".")
+    if parts[0] in config.bodies and parts[0] not in MechanismFile.model_fields:
+        parts = ["bodies", *parts]
+    return parts
+
+
+def read_entry(config: MechanismFile, path: str) -> Any:
+    """Value of an entry of a mechanism file, in SI units, by its dotted path.
+
+    Raises
+    ------
+    InvalidParameter
+        The path does not exist.
+    """
+    node: Any = config
+    for key in _parts(config, path):
+        node = _child(node, key, path)
+    return node
+
+
+def replace_entry(config: MechanismFile, path: str, value: Any) -> MechanismFile:
+    """Mechanism with one entry replaced (SI units); the rest is neither copied nor checked."""
+    out: MechanismFile = _replaced(config, _parts(config, path), value, path)
+    return out
+
+
+def _replaced(node: Any, parts: list[str], value: Any, path: str) -> Any:
+    if not parts:
+        return value
+    key, rest = parts[0], parts[1:]
+    new = _replaced(_child(node, key, path), rest, value, path)
+    if isinstance(node, BaseModel):
+        return node.model_copy(update={key: new})
+    if isinstance(node, Mapping):
+        return {**node, key: new}
+    index = component(key)
+    return (*node[:index], new, *node[index + 1 :])
 
 
 #: Factor by which a changed number may differ from the old one before its unit is doubted.

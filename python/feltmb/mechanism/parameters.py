@@ -19,9 +19,9 @@ from pydantic import BaseModel, ValidationError
 from feltmb import _core
 from feltmb.arguments import checked
 from feltmb.errors import InvalidParameter
-from feltmb.mechanism import Action, describe, expand_path, parse_setting
-from feltmb.mechanism.numbers import AXES, Parameter, numbers_below
-from feltmb.mechanism.values import is_bare, si_factor, split_operator, unit_in_file
+from feltmb.mechanism import Action, MechanismFile, describe, expand_path, parse_setting
+from feltmb.mechanism.numbers import Parameter, numbers_below, read_entry, replace_entry
+from feltmb.mechanism.values import AXES, is_bare, si_factor, split_operator, unit_in_file
 from feltmb.mechanism.workshop import plain_values, told_turns
 from feltmb.units import conversion_factor, unit_suffix
 from feltmb.units.quantity import shortened
@@ -300,24 +300,13 @@ def _matches(action: Action, known: Mapping[str, Parameter], given: object) -> l
 # --- mechanisms with changed numbers -------------------------------------------------------------
 
 
-def _with(node: Any, names: list[str], value: float) -> Any:
-    """Copy of a node with one changed number; everything else is shared."""
-    if not names:
-        return value
-    head, rest = names[0], names[1:]
-    if isinstance(node, tuple):
-        changed = list(node)
-        changed[AXES.index(head)] = value
-        return tuple(changed)
-    if isinstance(node, Mapping):
-        return {**node, head: _with(node[head], rest, value)}
-    new = _with(getattr(node, head), rest, value)
-    if rest:
-        return node.model_copy(update={head: new})
-    # The limits of the field (> 0 and so on) are checked as in a file.
-    fields = type(node).model_fields
-    given = {fields[name].alias or name: getattr(node, name) for name in node.model_fields_set}
-    return type(node).model_validate({**given, fields[head].alias or head: new})
+def _check(config: MechanismFile, path: str) -> None:
+    """Check the limits of a number (> 0 and so on) as in a file; raises ValidationError."""
+    owner = read_entry(config, path.rpartition(".")[0])
+    if isinstance(owner, BaseModel):
+        fields = type(owner).model_fields
+        set_here = {*owner.model_fields_set, path.rpartition(".")[2]}
+        type(owner).model_validate({fields[n].alias or n: getattr(owner, n) for n in set_here})
 
 
 @checked
@@ -343,7 +332,8 @@ def mechanism_with(
         if not math.isfinite(value):
             raise InvalidParameter(f"{path} = {value!r}, must be finite")
         try:
-            config = _with(config, path.split("."), float(value))
+            config = replace_entry(config, path, float(value))
+            _check(config, path)
         except ValidationError as error:
             text = error.errors()[0]["msg"]
             raise InvalidParameter(f"{path} = {value:g}: {text}") from None

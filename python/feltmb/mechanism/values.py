@@ -22,8 +22,10 @@ from feltmb.units.quantity import (
 )
 
 __all__ = [
+    "AXES",
     "apply_numbers",
     "apply_values",
+    "component",
     "expand_path",
     "is_bare",
     "parse_setting",
@@ -85,7 +87,13 @@ def expand_path(raw: Mapping[str, Any], path: str) -> list[list[str]]:
     return found
 
 
-_AXES = {"x": 0, "y": 1}
+#: Components of a point.
+AXES = ("x", "y")
+
+
+def component(key: str) -> int:
+    """Place of a component of a point, ``x`` or ``0``; -1 for other names."""
+    return AXES.index(key) if key in AXES else int(key) if key.isdecimal() else -1
 
 
 def _change(raw: dict[str, Any], path: str, value: Any, where: str) -> None:
@@ -123,7 +131,7 @@ _UNIT_OF = {"a": 0, "b": 1, "c": 2, "time": 0, "value": 1,
 def _entry(owner: Any, parts: list[str], where: str) -> tuple[Any, str | None]:
     """Value at the end of a path as the file has it, and its unit; None: the file has none."""
     last = parts[-1]
-    if is_quantity(owner) and _is_component(last):
+    if is_quantity(owner) and component(last) >= 0:
         return owner["value"][_component(owner["value"], where, parts)], owner.get("unit")
     if not isinstance(owner, dict):
         return owner[_component(owner, where, parts)], None
@@ -222,15 +230,11 @@ def _letters(text: str) -> str:
     return "".join(c for c in text.lower() if c.isalnum())
 
 
-def _is_component(key: str) -> bool:
-    return key in _AXES or key.isdecimal()
-
-
 def _set_one(owner: Any, parts: list[str], value: Any, where: str, note: str) -> None:
     """Replace the last part of a path; ``value`` is in the unit of the file."""
     last = parts[-1]
     # Source and note of an old value are removed; a number without a unit keeps the unit.
-    if is_quantity(owner) and _is_component(last):
+    if is_quantity(owner) and component(last) >= 0:
         text = split_quantity(value) if isinstance(value, str) else None
         if text is not None and text[1] and "unit" in owner:
             with suppress(InvalidParameter):  # the check of the file reports the fault
@@ -251,7 +255,7 @@ def _set_one(owner: Any, parts: list[str], value: Any, where: str, note: str) ->
 
 def _component(old: Any, where: str, parts: list[str]) -> int:
     key = parts[-1]
-    index = _AXES.get(key, int(key) if key.isdecimal() else -1)
+    index = component(key)
     if not isinstance(old, list) or not 0 <= index < len(old):
         raise InvalidParameter(f"{where}: path {'.'.join(parts)!r} does not exist")
     return index
@@ -371,7 +375,7 @@ def unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:
     for part in parts:
         if is_quantity(node) or isinstance(node, list):  # a component
             values = node["value"] if is_quantity(node) else node
-            index = _AXES.get(part, -1)
+            index = component(part)
             node = values[index] if isinstance(values, list) and index < len(values) else None
         elif isinstance(node, Mapping):
             three = node.get("unit")  # of a curve with the coefficients a, b, c

@@ -7,10 +7,11 @@ import pytest
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model, planned_strokes
-from feltmb.adapters.changes import Change, alias_of, changed_config, read_entry
+from feltmb.adapters.changes import Change, alias_of, changed_config
 from feltmb.data import Record, Sensor
 from feltmb.fit import Effect, LinearModel, Parameter
 from feltmb.gap import Verdict, diagnose
+from feltmb.mechanism.numbers import read_entry
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)
@@ -41,14 +42,13 @@ def test_who_is_more_of_what(effect, tolerance):
 def test_numbers_of_other_units_count_as_well():
     """Two entries that both move a stiffness, but only one its exponent, are two."""
     stiffness, exponent = "contacts.03.loading.a", "contacts.03.loading.b"
-    tolerance = replace(
-        LIBRARY.tolerances[0],
-        changes=(Change(path=stiffness, scale=1.0), Change(path=exponent, scale=1e-3)),
-    )
-    effect = replace(LIBRARY.effect("felt_stiffness.03"), changes=tolerance.changes)
+    both = (Change(path=stiffness, scale=1.0), Change(path=exponent, scale=1e-3))
+    tolerance = LIBRARY.tolerances[0].model_copy(update={"changes": both})
+    effect = LIBRARY.effect("felt_stiffness.03").model_copy(update={"changes": both})
     assert alias_of(ACTION.config, effect, [tolerance]).index == 0
     other = (Change(path=stiffness, scale=1.0), Change(path=exponent, scale=2e-3))
-    assert alias_of(ACTION.config, replace(effect, changes=other), [tolerance]) is None
+    effect = effect.model_copy(update={"changes": other})
+    assert alias_of(ACTION.config, effect, [tolerance]) is None
 
 
 @pytest.mark.parametrize("name", ["let_off_button", "coulomb_friction.key", "felt_stiffness.03",

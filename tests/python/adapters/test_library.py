@@ -8,10 +8,11 @@ import pytest
 import feltmb
 from feltmb.action.touch import static_touch
 from feltmb.adapters import action_with_effects, load_library, mechanism_model, planned_strokes
-from feltmb.adapters.changes import Change, Values, applied, read_entry, replace_entry
+from feltmb.adapters.changes import Change, Values, applied
 from feltmb.adapters.model import resolve
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
+from feltmb.mechanism.numbers import read_entry, replace_entry
 
 ACTION = feltmb.load_action("steinway45")
 

@@ -9,7 +9,7 @@ import pytest
 
 import feltmb
 from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
-from feltmb.cli.gap_plan import input_files
+from feltmb.cli.gap_plan import write_inputs
 from feltmb.cli.models import Adapter
 from feltmb.data import Record
 from feltmb.experiment import DesignedExperiment
@@ -42,9 +42,8 @@ def designed(profile, name, factor=1.0):
 def test_a_planned_force_is_a_stroke_and_a_torque(model, family, tmp_path):
     profile = profile_of(model, family)
     experiment = designed(profile, "force")
-    adapter = Adapter(model, (), kinds=STROKE_KINDS)
-    write = input_files(adapter, {"force": "N"}, lever=0.2, force=False)
-    stroke_file, torque_file = write(experiment, tmp_path / "1")
+    asked = (experiment, tmp_path / "1", Adapter(model, (), kinds=STROKE_KINDS), {"force": "N"})
+    stroke_file, torque_file = write_inputs(*asked, lever=0.2, force=False)
     assert (stroke_file.name, torque_file.name) == ("1.toml", "1_torque.csv")
     stroke, torque = load_stroke(stroke_file), read_stroke_csv(torque_file)
     assert (stroke.kind, torque.kind) == ("force", "torque")
@@ -56,13 +55,13 @@ def test_a_planned_force_is_a_stroke_and_a_torque(model, family, tmp_path):
     assert np.allclose(torque.at(clock), 0.2 * profile.at(clock), atol=1e-6)
     assert feltmb.simulate("steinway45", stroke, duration=0.02).status == "done"
     with pytest.raises(feltmb.FeltmbError, match="exists"):
-        write(experiment, tmp_path / "1")
+        write_inputs(*asked, lever=0.2, force=False)
 
 
 def test_a_planned_motion_is_smooth(model, tmp_path):
     experiment = designed(profile_of(model, "step"), "displacement", 1e-3)
-    write = input_files(Adapter(model, (), kinds=STROKE_KINDS), {"displacement": "m"}, force=True)
-    (path,) = write(experiment, tmp_path / "2")
+    adapter, units = Adapter(model, (), kinds=STROKE_KINDS), {"displacement": "m"}
+    (path,) = write_inputs(experiment, tmp_path / "2", adapter, units, force=True)
     stroke = load_stroke(path)
     assert stroke.kind == "key_motion"
     assert stroke.as_dict()["interpolation"] == "spline"
@@ -70,5 +69,5 @@ def test_a_planned_motion_is_smooth(model, tmp_path):
 
 def test_other_inputs_have_no_stroke(model, tmp_path):
     experiment = designed(profile_of(model, "pulse"), "u")
-    write = input_files(Adapter(model, (), kinds=STROKE_KINDS), {"u": "V"}, lever=0.1, force=True)
-    assert write(experiment, tmp_path / "3") == []
+    adapter, told = Adapter(model, (), kinds=STROKE_KINDS), {"lever": 0.1, "force": True}
+    assert write_inputs(experiment, tmp_path / "3", adapter, {"u": "V"}, **told) == []

@@ -1145,7 +1145,6 @@ CALLS = {
         "design": designed(),
         "folder": "plan",
         "units": {"f": "N"},
-        "input_files": lambda *_: [],
         "force": True,
     },
     # contact
