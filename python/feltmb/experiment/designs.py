@@ -80,9 +80,9 @@ class DesignedExperiment:
     record: Record | None = None
     """Record with the outputs that the model predicts; None: the test of a part."""
     part: PartTest | None = None
-    before: float
+    before: float = math.nan
     """Expected probability of the correct name before it [1], or information [log evidence]."""
-    after: float
+    after: float = math.nan
     """The same after it."""
     detected: tuple[int, int] = (0, 0)
     """Number of causes that are detectable at their expected magnitude, before and after it."""
@@ -155,16 +155,15 @@ class Design:
 
 @dataclass(frozen=True, eq=False)
 class _Option:
-    """A possible experiment."""
+    """A possible experiment, with what it tells."""
 
-    name: str
     told: Information | Array
-    cost: float = 1.0
-    input: str = ""
+    experiment: DesignedExperiment
     knobs: tuple[float, ...] = ()
-    profile: Profile | None = None
-    record: Record | None = None
-    part: PartTest | None = None
+
+    @property
+    def cost(self) -> float:
+        return self.experiment.cost
 
 
 @checked
@@ -253,7 +252,8 @@ def design(
     options = work.options(list(dict.fromkeys(families)) or list(FAMILIES), candidates)
     for t in limits.parts:
         words = f"{t.how or 'test of a part'}: {t.parameter}"
-        options.append(_Option(words, start.test(t.parameter, t.sd), t.cost, part=t))
+        test = DesignedExperiment(name=words, cost=t.cost, part=t)
+        options.append(_Option(start.test(t.parameter, t.sd), test))
     if not options:
         raise InvalidParameter(
             f"plan: none of the {work.failed} profiles within the limits can be simulated by "
@@ -261,7 +261,7 @@ def design(
         )
     value = VALUES[aim]
     picked = _greedy(start, options, budget, value)
-    if picked and refinements and picked[0].profile is not None:
+    if picked and refinements and picked[0].experiment.profile is not None:
         better = work.improved(start, options, refinements, value)
         options = [*options, *([] if better in options else [better])]
         picked = [better, *_greedy(start.plus(better.told), options, budget - 1.0, value)]
@@ -295,9 +295,8 @@ def _greedy(
     """Repeatedly take the experiment with the best gain for its cost, until the budget is used."""
     out: list[_Option] = []
     while True:
-        able = [
-            o for o in options if o.cost <= budget + 1e-9 and not (o.part is not None and o in out)
-        ]
+        made = [o for o in out if o.experiment.part is not None]  # a test is made once
+        able = [o for o in options if o.cost <= budget + 1e-9 and o not in made]
         now = value(knowledge)
         gains = [(value(knowledge.plus(o.told)) - now) / o.cost for o in able]
         if not gains or not max(gains) > LEAST_GAIN:
@@ -395,22 +394,17 @@ class _Work:
                 self.failed += 1
                 self.why = f": {error}"
                 continue
-            read = {n: 1.0 for n in told.read if n in self.sensors}
             shown = replace(
                 record,
                 outputs={n: record.outputs[n] for n in self.sensors},
                 sensors={n: record.sensors[n] for n in self.sensors},
             )
-            out.append(
-                _Option(
-                    name=_words(profile, name, self.limits.inputs[name].unit),
-                    told=replace(told, read=read, planned=True),
-                    input=name,
-                    knobs=knobs,
-                    profile=profile,
-                    record=shown,
-                )
+            words = _words(profile, name, self.limits.inputs[name].unit)
+            experiment = DesignedExperiment(
+                name=words, cost=1.0, input=name, profile=profile, record=shown
             )
+            read = {n: 1.0 for n in told.read if n in self.sensors}
+            out.append(_Option(replace(told, read=read, planned=True), experiment, knobs))
         return out
 
     def improved(
@@ -428,8 +422,9 @@ class _Work:
         best: dict[tuple[str, str], tuple[float, _Option]] = {}
 
         def keep(option: _Option) -> None:
-            if option.profile is not None:
-                key = option.input, option.profile.family
+            profile = option.experiment.profile
+            if profile is not None:
+                key = option.experiment.input, profile.family
                 worth = value(knowledge.plus(option.told))
                 if key not in best or worth > best[key][0]:
                     best[key] = worth, option
@@ -438,13 +433,13 @@ class _Work:
             keep(option)
         for k in range(most):
             self.tell("refinement", k, most)
-            found = sorted(best.values(), key=lambda own: -own[0])
+            found = sorted(best.items(), key=lambda own: -own[1][0])
             turns = min(len(found), 1 + most // ROOM) if 2 * k < most else 1
-            parent = found[k % turns][1]
-            assert parent.profile is not None
-            step = STEP * (1.0 + k) ** -0.75 * generator.standard_normal(len(parent.knobs))
-            knobs = tuple(float(u) for u in np.clip(parent.knobs + step, 0.0, 1.0))
-            for one in self.evaluated([(parent.input, parent.profile.family, knobs)], 1):
+            place, (_, option) = found[k % turns]
+            parent = option.knobs
+            step = STEP * (1.0 + k) ** -0.75 * generator.standard_normal(len(parent))
+            knobs = tuple(float(u) for u in np.clip(parent + step, 0.0, 1.0))
+            for one in self.evaluated([(*place, knobs)], 1):
                 keep(one)
         return max(best.values(), key=lambda own: own[0])[1]
 
@@ -497,18 +492,13 @@ def _result(
     start: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], aim: Aim, work: _Work
 ) -> Design:
     value, knowledge, experiments = VALUES[aim], start, []
+    names = np.array([h.name for h in start.study.hypotheses])
     for i, option in enumerate(picked, 1):
-        then = knowledge.plus(option.told)
-        names = np.array([h.name for h in start.study.hypotheses])
-        record = option.record
+        then, record = knowledge.plus(option.told), option.experiment.record
         experiments.append(
-            DesignedExperiment(
-                name=option.name,
-                cost=option.cost,
-                input=option.input,
-                profile=option.profile,
+            replace(
+                option.experiment,
                 record=None if record is None else replace(record, name=f"experiment_{i}"),
-                part=option.part,
                 before=value(knowledge),
                 after=value(then),
                 detected=(len({*names[knowledge.detected]}), len({*names[then.detected]})),
