@@ -40,7 +40,7 @@ from feltmb.fit.observe import machine_candidates, observe_all
 from feltmb.gap.evidence import Fitted, precision, prior_of, system
 from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, Linear, Point, evaluate, magnitudes_at, shapes_of, theta_at
-from feltmb.gap.measured import open_effects
+from feltmb.gap.measured import untested
 from feltmb.gap.options import Options
 from feltmb.gap.problem import RELEASED, Member, Members, Problem
 from feltmb.gap.records import causes_of, problem_of, ready_records, same_number
@@ -181,7 +181,7 @@ class Study:
     @classmethod
     def of(cls, model: Model, effects: Sequence[Effect], belief: Belief | None = None) -> Study:
         """A study of the effects that the model can simulate and that no test has measured."""
-        able = tuple(open_effects(effects, model))
+        able = tuple(e for e in untested(effects, model) if model.accepts(e))
         if not able:
             raise InvalidParameter(f"plan: model {model.name} can simulate none of the effects")
         return cls(model, able, belief)

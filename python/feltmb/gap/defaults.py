@@ -149,24 +149,20 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
     paths = [(r, x) for r in records if (x := _path(model, r)) is not None]
     if not paths:
         return
-    names = [s.name for s in states]
+    named = [Named(dict(zip((s.name for s in states), x.T, strict=True))) for _, x in paths]
+    times = [r.time for r, _ in paths]
 
-    def series(of: str, ratio: float = 1.0) -> list[Array]:
-        return [ratio * x[:, names.index(of)] for _, x in paths]
+    def rates(values: Sequence[Array]) -> list[Array]:
+        return [np.gradient(v, t) for v, t in zip(values, times, strict=True)]
 
     used: set[str] = set()
     for c in model.coordinates:
         used |= {n for part in c.parts for n in (part.position, part.speed)}
-        first, *rest = c.parts
-        ratio = getattr(c, "ratio", 1.0)
-        position, speed = series(first.position), series(first.speed)
-        for part in rest:
-            position = [a - b for a, b in zip(position, series(part.position, ratio), strict=True)]
-            speed = [a - b for a, b in zip(speed, series(part.speed, ratio), strict=True)]
-        rates = [np.gradient(v, r.time) for (r, _), v in zip(paths, speed, strict=True)]
+        position, speed = zip(*(c.motion(x) for x in named), strict=True)
         travel = _typical(np.concatenate([q - np.median(q) for q in position]))
         forces = [
-            rate * _inertia(model, first, r, x) for rate, (r, x) in zip(rates, paths, strict=True)
+            rate * _inertia(model, c.parts[0], r, x)
+            for rate, (r, _), x in zip(rates(speed), paths, named, strict=True)
         ]
         pace, force = _typical(np.concatenate(speed)), _typical(np.concatenate(forces))
         yield from for_coordinate(
@@ -177,10 +173,9 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             time=travel / pace,
         )
     for state in (s for s in states if s.name not in used):
-        levels = series(state.name)
+        levels = [x[state.name] for x in named]
         values = np.concatenate(levels)
-        rates = [np.gradient(x, r.time) for (r, _), x in zip(paths, levels, strict=True)]
-        rate, size = FLOW * _typical(np.concatenate(rates)), _typical(values)
+        rate, size = FLOW * _typical(np.concatenate(rates(levels))), _typical(values)
         yield constant_rate(state.name, scale=rate, unit=f"{state.unit}/s")
         yield leak(state.name, scale=rate / size)
         if values.min() >= 0.0:
@@ -215,9 +210,8 @@ def _path(model: Model, record: Record) -> Array | None:
     return None if path is None or not np.isfinite(path).all() else path[0]
 
 
-def _inertia(model: Model, c: Coordinate, record: Record, path: Array) -> Array | float:
+def _inertia(model: Model, c: Coordinate, record: Record, x: Named) -> Array | float:
     """Inertia of a coordinate along a path, (n,); 1 if it is not stated."""
-    x = Named(dict(zip((s.name for s in model.states()), path.T, strict=True)))
     p = Named({p.name: p.value for p in model.parameters})
     with np.errstate(all="ignore"):
         pushed = c.push(np.float64(1.0), record.time, x, Named(dict(record.inputs)), p)[c.speed]

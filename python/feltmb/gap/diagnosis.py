@@ -12,7 +12,7 @@ from feltmb.data import Record
 from feltmb.fit.model import Effect, Model
 from feltmb.gap.compare import compared, refuse
 from feltmb.gap.defaults import chosen_effects
-from feltmb.gap.measured import known_by_test
+from feltmb.gap.measured import untested
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
 from feltmb.gap.progress import Meter, Progress, Stop
@@ -89,7 +89,7 @@ def diagnose(
         meter.stage("prepare")
         ready = ready_records(model, records)
         found, told = chosen_effects(ready.model, ready.records, effects, exclude)
-        tested = [e for e in found if not known_by_test(e, ready.model)]
+        tested = untested(found, ready.model)
         before = compared(ready)
         refuse(before)
         problem = prepare(ready, tested, hold_out, options)

@@ -171,22 +171,13 @@ def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
     return ""
 
 
-def known_by_test(effect: Effect, model: Model) -> str:
-    """Parameter whose test measured what an effect changes; empty: none.
+def untested(effects: Sequence[Effect], model: Model) -> list[Effect]:
+    """Effects that change no number which a test of a part measured.
 
     The test measured the number as it is, with the effect. The effect is then no cause besides it.
     """
     tested = {p.name for p in model.parameters if p.before is not None}
-    return effect.tolerance_parameter if effect.tolerance_parameter in tested else ""
-
-
-def open_effects(effects: Sequence[Effect], model: Model) -> list[Effect]:
-    """Effects that the model can simulate and that no test has measured."""
-    return [
-        e
-        for e in effects
-        if (model.accepts(e) or e.observe or e.excite) and not known_by_test(e, model)
-    ]
+    return [e for e in effects if e.tolerance_parameter not in tested]
 
 
 def units_of_tests(model: Model, effects: Sequence[Effect] = ()) -> dict[str, str]:

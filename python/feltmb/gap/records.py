@@ -76,13 +76,14 @@ def _without_constant(
     records: Sequence[Record], outputs: Sequence[str]
 ) -> tuple[tuple[Record, ...], list[str]]:
     """Remove outputs without a stated noise that change in no record: their noise is not known."""
-    moves: dict[str, bool] = {}
-    for r in records:
-        for n in [n for n in r.outputs if n in outputs]:
-            y = r.outputs[n][np.isfinite(r.outputs[n])]
-            known = r.sensors[n].sigma is not None or not y.size
-            moves[n] = moves.get(n, False) or known or bool(np.ptp(y) > 0.0)
-    still = [n for n, v in moves.items() if not v]
+    known = {
+        n
+        for r in records
+        for n, y in r.outputs.items()
+        if r.sensors[n].sigma is not None or np.unique(y[np.isfinite(y)]).size != 1
+    }
+    recorded = dict.fromkeys(n for r in records for n in r.outputs)
+    still = [n for n in recorded if n in outputs and n not in known]
     for r in records:
         if still and not {*r.outputs} & {*outputs} - {*still}:
             raise DataError(

@@ -14,7 +14,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from feltmb.data import Record
-from feltmb.errors import DataError
 from feltmb.fit import Effect
 from feltmb.gap.library.balance import for_force_balance, speed_of
 from feltmb.gap.library.forces import (
@@ -60,7 +59,6 @@ from feltmb.gap.library.sensors import (
     sensor_offset,
     sensor_saturation,
 )
-from feltmb.units import same_unit, weight_hint
 
 __all__ = [
     "backlash",
@@ -136,20 +134,8 @@ def for_input(name: str, record: Record, *, unit: str | None = None) -> tuple[Ef
         Record from which typical magnitudes are taken.
     unit
         Unit of the input; default: that of the record, or 1.
-
-    Raises
-    ------
-    DataError
-        The record has the input in another unit.
     """
-    u, stated = record.inputs[name], record.input_units.get(name)
-    if unit is not None and stated is not None and not same_unit(unit, stated):
-        raise DataError(
-            f"unit of input {name}: got {unit!r}, but record {record.name} has it in {stated!r}, "
-            f"from {np.min(u):.4g} to {np.max(u):.4g}; expected this unit (a model that states the "
-            f"unit of its input, such as %, gets the values in it){weight_hint(stated, unit)}"
-        )
-    unit = unit or stated or "1"
+    u, unit = record.inputs[name], unit or record.input_units.get(name) or "1"
     size = float(np.quantile(np.abs(u), 0.98)) or 1.0
     return (
         delay_input(name, scale=record.interval),
