@@ -17,7 +17,7 @@ MODULES = (
     "feltmb.fit",
     "feltmb.fit.authoring",
     "feltmb.gap",
-    "feltmb.gap.parts",
+    "feltmb.gap.result",
     "feltmb.gap.library",
     "feltmb.experiment",
     "feltmb.adapters",

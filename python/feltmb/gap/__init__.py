@@ -26,21 +26,21 @@ from feltmb.fit import Jobs as Jobs
 from feltmb.fit import Port as Port
 from feltmb.fit import Sensitivity as Sensitivity
 from feltmb.fit import SensitivityRequest as SensitivityRequest
-from feltmb.gap.blind import OUTCOMES as OUTCOMES
-from feltmb.gap.blind import Case as Case
 from feltmb.gap.blind import Withheld, withhold
-from feltmb.gap.compare import Compared as Compared
 from feltmb.gap.compare import Comparison, check
-from feltmb.gap.compare import Hint as Hint
 from feltmb.gap.defaults import candidates
 from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.measured import Measured, read_measured, with_measured
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Progress, Stop
 from feltmb.gap.report import Explained, Report, explained_model
+from feltmb.gap.result import OUTCOMES as OUTCOMES
+from feltmb.gap.result import Case as Case
 from feltmb.gap.result import Cell as Cell
 from feltmb.gap.result import Channel as Channel
+from feltmb.gap.result import Compared as Compared
 from feltmb.gap.result import Event as Event
+from feltmb.gap.result import Hint as Hint
 from feltmb.gap.result import Named as Named
 from feltmb.gap.result import ParameterValue as ParameterValue
 from feltmb.gap.result import Place as Place
@@ -50,7 +50,7 @@ from feltmb.gap.result import SetOfCauses as SetOfCauses
 from feltmb.gap.result import Trace as Trace
 from feltmb.gap.result import Verdict
 
-# The other names are parts of results (feltmb.gap.parts), or for authors of models
+# The other names are parts of results (feltmb.gap.result), or for authors of models
 # (feltmb.fit.authoring).
 __all__ = [
     "Comparison",

@@ -26,41 +26,13 @@ from feltmb.gap.linear import Ask, start_states, theta_at
 from feltmb.gap.options import Options
 from feltmb.gap.problem import Problem
 from feltmb.gap.records import noise_of_channel, prepare, ready_records, split_records
-from feltmb.gap.result import Reason, Result, Verdict
+from feltmb.gap.result import OUTCOMES, Case, Reason, Result, Verdict
 from feltmb.gap.search import model_alone
 
-__all__ = ["OUTCOMES", "Case", "Withheld", "withhold"]
+__all__ = ["Withheld", "withhold"]
 
-#: Outcomes of a case. With an effect: it is named, and nothing else is told; the only class that is
-#: told contains it; no cause is told, and the rest does not matter, or does ("unknown"); another
-#: cause is told. Without an effect: no cause is told, or one is. The diagnosis failed.
-OUTCOMES = ("right", "class", "silent", "unknown", "wrong", "quiet", "false alarm", "none")
 #: Norm of the change of the records by an effect from which it is clear [standard deviations].
 CLEAR = 5.0
-
-
-@dataclass(frozen=True)
-class Case:
-    """One withheld effect and its diagnosis."""
-
-    number: int
-    effect: str
-    """Name of the effect; empty: nothing was withheld."""
-    magnitude: float
-    """True magnitude [unit]."""
-    unit: str
-    signal_to_noise: float
-    """Norm of the change of the records by the effect, in standard deviations of the noise [1]."""
-    outcome: str = "none"
-    """One of :data:`OUTCOMES`."""
-    verdict: str = ""
-    told: tuple[tuple[str, ...], ...] = ()
-    """Named causes and classes; one name: a named cause."""
-    covered: int = 0
-    """Number of 95 % intervals of parameters and of the effect that contain the true value."""
-    intervals: int = 0
-    error: str = ""
-    """Message of a failed diagnosis."""
 
 
 @dataclass(frozen=True)

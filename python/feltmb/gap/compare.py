@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from feltmb.fit.observe import observe
 from feltmb.gap.figures import comparison
 from feltmb.gap.problem import Observed
 from feltmb.gap.records import noise_of_channel, ready_records
+from feltmb.gap.result import Compared, Hint
 from feltmb.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
 
 if TYPE_CHECKING:
@@ -28,9 +29,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 __all__ = [
-    "Compared",
     "Comparison",
-    "Hint",
     "check",
     "compared",
     "hints",
@@ -207,45 +206,6 @@ NO_DELAY = math.nan, math.nan
 #: Share of the record to which an unknown start is fitted; standard deviation, in scales of the
 #: state, from which it is unknown [1].
 BEGINNING, UNKNOWN = 0.2, 0.3
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One channel of one record beside the tabulated model."""
-
-    record: str
-    channel: str
-    unit: str
-    samples: int
-    """Number of samples that the record and the model both have [1]."""
-    motion: float
-    """Rms of the record about its mean [unit]."""
-    noise: float
-    """Noise of the sensor [unit]."""
-    stated: bool
-    """Whether the noise is stated; else it is estimated from the record."""
-    rms: float
-    """Rms of record minus model [unit]."""
-    factor: float
-    """Record over model, about their means, by least squares [1]."""
-    offset: float
-    """Mean of the record less that of the model times the factor [unit]."""
-    correlation: float
-    """Correlation of record and model [1]."""
-    delay: float
-    """Delay of the record if it explains at least half of the squared difference [s]; else NaN."""
-    delayed: float
-    """Share of the squared difference that remains with this delay [1]; NaN without it."""
-
-    @property
-    def share(self) -> float:
-        """Difference as a share of the motion [1]."""
-        return self.rms / self.motion if self.motion > 0.0 else math.nan
-
-    @property
-    def in_noise(self) -> float:
-        """Difference as a multiple of the noise [1]."""
-        return self.rms / self.noise if self.noise > 0.0 else math.nan
 
 
 def simulated(
@@ -460,17 +420,6 @@ _CLOCKS = (
     (3600.0, "hours labeled as s"),
     (1.0 / 3600.0, "s labeled as hours, or rates of the model per hour"),
 )
-
-
-@dataclass(frozen=True)
-class Hint:
-    """An error of the records that would explain a difference."""
-
-    kind: Literal["unit", "sign", "scale", "clock", "input", "exchange", "delay"]
-    channels: tuple[str, ...]
-    text: str
-    sure: bool = False
-    """Whether nothing else explains it; a diagnosis refuses such records."""
 
 
 def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:

@@ -1,4 +1,7 @@
-"""Results of a diagnosis: numbers and codes, no sentences."""
+"""What the attributes of a report, a comparison or a blind test hold: numbers and codes.
+
+Users read them and never make them.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,9 +19,13 @@ from feltmb.arguments import checked
 from feltmb.data import Array
 
 __all__ = [
+    "OUTCOMES",
+    "Case",
     "Cell",
     "Channel",
+    "Compared",
     "Event",
+    "Hint",
     "Named",
     "ParameterValue",
     "Place",
@@ -26,9 +33,6 @@ __all__ = [
     "Result",
     "SetOfCauses",
     "Trace",
-    "Verdict",
-    "plain",
-    "worst_of",
 ]
 
 #: Version of the JSON form of a result.
@@ -309,6 +313,86 @@ class Result:
     def to_json(self) -> str:
         """The result as a JSON text; ``seconds`` apart, equal input gives equal text."""
         return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One channel of one record beside the tabulated model."""
+
+    record: str
+    channel: str
+    unit: str
+    samples: int
+    """Number of samples that the record and the model both have [1]."""
+    motion: float
+    """Rms of the record about its mean [unit]."""
+    noise: float
+    """Noise of the sensor [unit]."""
+    stated: bool
+    """Whether the noise is stated; else it is estimated from the record."""
+    rms: float
+    """Rms of record minus model [unit]."""
+    factor: float
+    """Record over model, about their means, by least squares [1]."""
+    offset: float
+    """Mean of the record less that of the model times the factor [unit]."""
+    correlation: float
+    """Correlation of record and model [1]."""
+    delay: float
+    """Delay of the record if it explains at least half of the squared difference [s]; else NaN."""
+    delayed: float
+    """Share of the squared difference that remains with this delay [1]; NaN without it."""
+
+    @property
+    def share(self) -> float:
+        """Difference as a share of the motion [1]."""
+        return self.rms / self.motion if self.motion > 0.0 else math.nan
+
+    @property
+    def in_noise(self) -> float:
+        """Difference as a multiple of the noise [1]."""
+        return self.rms / self.noise if self.noise > 0.0 else math.nan
+
+
+@dataclass(frozen=True)
+class Hint:
+    """An error of the records that would explain a difference."""
+
+    kind: Literal["unit", "sign", "scale", "clock", "input", "exchange", "delay"]
+    channels: tuple[str, ...]
+    text: str
+    sure: bool = False
+    """Whether nothing else explains it; a diagnosis refuses such records."""
+
+
+#: Outcomes of a case. With an effect: it is named, and nothing else is told; the only class that is
+#: told contains it; no cause is told, and the rest does not matter, or does ("unknown"); another
+#: cause is told. Without an effect: no cause is told, or one is. The diagnosis failed.
+OUTCOMES = ("right", "class", "silent", "unknown", "wrong", "quiet", "false alarm", "none")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One withheld effect and its diagnosis."""
+
+    number: int
+    effect: str
+    """Name of the effect; empty: nothing was withheld."""
+    magnitude: float
+    """True magnitude [unit]."""
+    unit: str
+    signal_to_noise: float
+    """Norm of the change of the records by the effect, in standard deviations of the noise [1]."""
+    outcome: str = "none"
+    """One of :data:`OUTCOMES`."""
+    verdict: str = ""
+    told: tuple[tuple[str, ...], ...] = ()
+    """Named causes and classes; one name: a named cause."""
+    covered: int = 0
+    """Number of 95 % intervals of parameters and of the effect that contain the true value."""
+    intervals: int = 0
+    error: str = ""
+    """Message of a failed diagnosis."""
 
 
 def plain(value: Any) -> Any:

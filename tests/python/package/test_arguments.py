@@ -26,7 +26,7 @@ MODULES = [
     "fit",
     "fit.authoring",
     "gap",
-    "gap.parts",
+    "gap.result",
     "experiment",
     "fiber.material",
     "action.regulate",
@@ -1072,7 +1072,7 @@ CALLS = {
         "model": oscillator(),
         "measured": [gap.Measured(parameter="k", value=99.0, sd=1.0)],
     },
-    "feltmb.gap.parts.Channel.share": lambda: (report().channels[0], {"residual": 1.0}),
+    "feltmb.gap.result.Channel.share": lambda: (report().channels[0], {"residual": 1.0}),
     "feltmb.gap.Explained.simulate": lambda: (
         gap.explained_model(oscillator(), [DRY], report()),
         {"record": record()},

@@ -186,7 +186,7 @@ def test_parts_for_other_models_are_public():
 
 
 def test_a_user_of_a_diagnosis_meets_few_names():
-    """What only authors of models need is in fit.authoring, what a report holds in gap.parts."""
+    """What only authors of models need is in fit.authoring, what a report holds in gap.result."""
     assert len({*feltmb.gap.__all__, *feltmb.fit.__all__, *feltmb.data.__all__}) <= 45
 
 
