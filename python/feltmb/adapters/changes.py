@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -24,7 +23,6 @@ from feltmb.mechanism.numbers import read_entry, replace_entry
 from feltmb.units.quantity import SI, Schema, SIVector
 
 __all__ = [
-    "Alias",
     "Change",
     "Chosen",
     "Condition",
@@ -37,10 +35,10 @@ __all__ = [
     "SensorError",
     "Shape",
     "Values",
-    "alias_of",
     "applied",
     "changed_config",
     "insert",
+    "same_values",
 ]
 
 Kind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
@@ -431,32 +429,13 @@ def _hinged(config: MechanismFile, insertion: Insertion, magnitude: float) -> Me
 SAME = 1e-9
 
 
-@dataclass(frozen=True)
-class Alias:
-    """An effect and the tolerance that changes the same values, in the same direction.
+def same_values(
+    config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]
+) -> tuple[Entry, float] | None:
+    """Tolerance that changes the same values as an effect, and by how much; None: there is none.
 
     Example: a let-off button that is 0.2 mm from its tabulated position is within the regulation;
-    at 1.5 mm it is a cause. To first order, only the magnitude separates them. The derivative of
-    such an effect is therefore computed from the derivative of the tolerance. Separate finite
-    differences would differ by nonlinear terms, which would look like a signature of the effect.
-    """
-
-    index: int
-    """Index of the tolerance."""
-    tolerance: Entry
-    effect: Entry
-    config: MechanismFile
-
-    def ratio(self, departure: float, magnitude: float) -> float:
-        """Derivative by the effect divided by the derivative by the tolerance, at given values."""
-        by_effect = _slopes(self.config, self.effect, magnitude, self.tolerance, departure)
-        by_tolerance = _slopes(self.config, self.tolerance, departure, self.effect, magnitude)
-        path = max(by_tolerance, key=lambda p: abs(by_tolerance[p]))
-        return by_effect[path] / by_tolerance[path]
-
-
-def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) -> Alias | None:
-    """Tolerance that changes the same values as an effect; None: there is none.
+    at 1.5 mm it is a cause. To first order, only the magnitude separates them.
 
     Parameters
     ----------
@@ -466,47 +445,36 @@ def alias_of(config: MechanismFile, effect: Entry, tolerances: Sequence[Entry]) 
         An entry of its library.
     tolerances
         Tolerances that are estimated.
+
+    Returns
+    -------
+    tuple of Entry and float, or None
+        The tolerance, and the change of it that acts as a magnitude of 1 of the effect does.
     """
     if not _plain(effect):
         return None
-    for i, tolerance in enumerate(tolerances):
-        paths = {c.path for c in effect.changes}
-        if not _plain(tolerance) or paths != {c.path for c in tolerance.changes}:
-            continue
-        ours = _slopes(config, effect, 0.0, tolerance, 0.0)
-        theirs = _slopes(config, tolerance, 0.0, effect, 0.0)
-        moved = [p for p in ours if ours[p] != 0.0 or theirs[p] != 0.0]
-        if not moved or any(theirs[p] == 0.0 for p in moved):
+    ours = _slopes(config, effect)
+    for tolerance in filter(_plain, tolerances):
+        theirs = _slopes(config, tolerance)
+        moved = [p for p in ours if ours[p] != 0.0 or theirs.get(p)]
+        if ours.keys() != theirs.keys() or not moved or any(theirs[p] == 0.0 for p in moved):
             continue
         ratios = [ours[p] / theirs[p] for p in moved]
         if max(ratios) - min(ratios) <= SAME * max(abs(r) for r in ratios) and ratios[0] != 0.0:
-            return Alias(i, tolerance, effect, config)
+            return tolerance, ratios[0]
     return None
 
 
 def _plain(entry: Entry) -> bool:
     """Whether an entry only changes values, equally in every record."""
-    return (
-        bool(entry.changes)
-        and entry.insert is None
-        and entry.sensor is None
-        and entry.input is None
-        and entry.condition is None
-        and entry.shape is None
-    )
+    others = (entry.insert, entry.sensor, entry.input, entry.condition, entry.shape)
+    return bool(entry.changes) and not any(others)
 
 
-def _slopes(
-    config: MechanismFile, entry: Entry, magnitude: float, other: Entry, other_size: float
-) -> dict[str, float]:
-    """Derivatives of the changed values by the magnitude of an entry, with the other applied."""
+def _slopes(config: MechanismFile, entry: Entry) -> dict[str, float]:
+    """Derivatives of the changed values by the magnitude of an entry, at zero."""
     out: dict[str, float] = {}
-    for path in {c.path: None for c in entry.changes}:
-        own = [c for c in entry.changes if c.path == path]
-        beside = [c for c in other.changes if c.path == path]
-        factor = math.prod(c.factor(other_size) for c in beside)
-        factor *= math.prod(c.factor(magnitude) for c in own)
-        by_factor = sum(c.scale / (1.0 + c.scale * magnitude) + c.exp for c in own)
-        value = float(read_entry(config, path))
-        out[path] = value * factor * by_factor + sum(c.add for c in own)
+    for c in entry.changes:
+        value = float(read_entry(config, c.path))
+        out[c.path] = out.get(c.path, 0.0) + value * (c.scale + c.exp) + c.add
     return out

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from feltmb import _core
-from feltmb.adapters.changes import Alias, Entry
+from feltmb.adapters.changes import Entry
 from feltmb.adapters.simulator import (
     FORCE,
     Drive,
@@ -59,10 +59,6 @@ Variable = int | Candidate
 class Derivatives:
     """Derivatives of the outputs of a simulator.
 
-    If an effect changes the same values as a tolerance, its derivative is computed from the
-    derivative by the tolerance. Two integrations would differ slightly, and the difference would
-    look like a signature of the effect.
-
     Parameters
     ----------
     simulator
@@ -91,34 +87,21 @@ class Derivatives:
         known = self._points.get(place, dict)
         parameters = [int(i) for i in request.by_theta or ()]
         effects = (*included, *request.candidates)
-        aliases = {c: alias for c in effects if (alias := self._alias(c)) is not None}
         changes = {_digest(change): change for change in request.input_changes}
         self._complete(
             known,
             replace(
                 request,
-                by_theta=[
-                    i
-                    for i in dict.fromkeys([*parameters, *(a.index for a in aliases.values())])
-                    if i not in known
-                ],
-                candidates=tuple(c for c in effects if c not in aliases and c not in known),
+                by_theta=[i for i in parameters if i not in known],
+                candidates=tuple(c for c in effects if c not in known),
                 input_changes=tuple(v for key, v in changes.items() if key not in known),
             ),
             outputs,
         )
-        sizes = dict(zip(included, map(float, request.sizes), strict=True))
-
-        def by(variable: Variable) -> Array:
-            if not isinstance(variable, Candidate) or variable not in aliases:
-                return known[variable]
-            alias = aliases[variable]
-            ratio = alias.ratio(float(theta[alias.index]), sizes.get(variable, 0.0))
-            return ratio * known[alias.index]
 
         def columns(variables: Sequence[Variable]) -> Array:
             none = np.zeros((*outputs.shape, 0))
-            return np.stack([by(v) for v in variables], axis=-1) if variables else none
+            return np.stack([known[v] for v in variables], axis=-1) if variables else none
 
         return Sensitivity(
             outputs=outputs,
@@ -166,10 +149,6 @@ class Derivatives:
         if key not in self._smooth:
             self._smooth[key] = can_differentiate(self.simulator, record, candidate)
         return self._smooth[key]
-
-    def _alias(self, candidate: Candidate) -> Alias | None:
-        entry = candidate.effect.data
-        return self.simulator.alias(entry) if isinstance(entry, Entry) else None
 
     def _integrated(
         self, request: SensitivityRequest, tolerance: float, outputs: Array

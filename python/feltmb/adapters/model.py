@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from feltmb.adapters.changes import Entry
+from feltmb.adapters.changes import Entry, same_values
 from feltmb.adapters.derivatives import Derivatives
 from feltmb.adapters.effects import columns_of, effect_of, partners
 from feltmb.adapters.findings import write_mechanism
@@ -393,9 +393,9 @@ def mechanism_model(
         if not _can_show(model, e):
             continue
         effect = effect_of(e, model.outputs, library.channels)
-        if (alias := model.simulator.alias(e)) is not None:
-            name, ratio = alias.tolerance.name, alias.ratio(0.0, 0.0)
-            effect = replace(effect, tolerance_parameter=name, tolerance_ratio=ratio)
+        if (same := same_values(action.config, e, model.tolerances)) is not None:
+            tolerance, ratio = same
+            effect = replace(effect, tolerance_parameter=tolerance.name, tolerance_ratio=ratio)
         made.append(effect)
     model.effects, model.offers_all = tuple(made), True
     return model, model.effects

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from feltmb import _core
-from feltmb.adapters.changes import Alias, Configurations, Entry, alias_of
+from feltmb.adapters.changes import Configurations, Entry
 from feltmb.adapters.effects import parameter_of
 from feltmb.data import Array, Record, evenly_spaced
 from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
@@ -303,7 +303,6 @@ class MechanismSimulator:
         """The tolerances as parameters of a fit."""
         self.drives = Drives()
         """Inputs of the mechanism in a record."""
-        self._aliases: dict[str, Alias | None] = {}
         self._workshop = Workshop()
         self._configurations = Configurations(action.config)
         self._motions: Latest[tuple[object, ...], Array | None] = Latest(MOTIONS)
@@ -368,12 +367,6 @@ class MechanismSimulator:
         """Value of an output at rest: position of the tracking point [m]; 0 for a force."""
         point, _, axis = output.rpartition(".")
         return variant.points[point]["xy".index(axis)] if point in variant.points else 0.0
-
-    def alias(self, entry: Entry) -> Alias | None:
-        """Tolerance that changes the same values as an effect of the library, or None."""
-        if entry.name not in self._aliases:
-            self._aliases[entry.name] = alias_of(self.action.config, entry, self.tolerances)
-        return self._aliases[entry.name]
 
     # --- motions ----------------------------------------------------------------------------------
 

@@ -153,9 +153,14 @@ class Hypothesis:
     """Expected magnitude [unit]."""
     odds: float
     """Prior odds that it exists, shared by its shapes [1]."""
-    member: Member | None = None
-    """The effect; None: a parameter outside its tolerance."""
     effect: Effect | None = None
+    """None: a parameter outside its tolerance."""
+    member: Member | None = None
+    """The effect, as it is simulated; None: it changes a parameter that has a tolerance."""
+    parameter: int = -1
+    """Index of this parameter."""
+    change: float = 0.0
+    """Its change at the expected magnitude [its unit]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,19 +224,26 @@ class Study:
 
     @cached_property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Causes that may be missing, one for each shape."""
+        """Causes that may be missing, one for each shape.
+
+        As in a diagnosis, an effect that changes a parameter with a tolerance is that parameter.
+        """
         out, told = [], () if self.belief is None else self.belief.included
         for i, c in enumerate(self.problem.causes):
             odds = math.exp(c.log_odds)
-            if c.effect is not None and c.name not in told:
-                e = c.effect
-                out += [
-                    Hypothesis(e.name, e.unit, e.scale, odds / len(e.shapes), Member(i, shape), e)
-                    for shape in e.shapes
-                ]
-            elif c.parameter is not None:
+            if c.parameter is not None:
                 p = self.model.parameters[c.parameter]
-                out.append(Hypothesis(p.name, p.unit, RELEASED * p.size, odds))
+                size = RELEASED * p.size
+                out.append(
+                    Hypothesis(p.name, p.unit, size, odds, parameter=c.parameter, change=size)
+                )
+            if (e := c.effect) is None or c.name in told:
+                continue
+            own = Hypothesis(e.name, e.unit, e.scale, odds / len(e.shapes), e)
+            if (same := same_number(self.model, e)) is not None:
+                out.append(replace(own, parameter=same, change=e.scale * e.tolerance_ratio))
+            else:
+                out += [replace(own, member=Member(i, shape)) for shape in e.shapes]
         return tuple(out)
 
     @cached_property
@@ -382,11 +394,11 @@ def study_rows(study: Study, columns: int) -> Array:
     """Shared unknowns and hypotheses (rows) as combinations of linearized unknowns (columns)."""
     rows, at = np.zeros((study.x.size + len(study.hypotheses), columns)), study.x.size
     rows[:at, :at] = np.eye(at)
-    names = [study.model.parameters[i].name for i in study.problem.free]
-    effect = at
+    free, effect = list(study.problem.free), at
     for k, h in enumerate(study.hypotheses, at):
         if h.member is None:
-            rows[k, names.index(h.name)] = RELEASED
+            place = free.index(h.parameter)
+            rows[k, place] = h.change / study.problem.unit[place]
         else:
             rows[k, effect] = 1.0
             effect += 1

@@ -123,22 +123,6 @@ def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     assert model.derivatives.passes == passes + 3
 
 
-def test_an_effect_that_is_a_tolerance_has_its_column(adapter):
-    """What is not linear in either must not look like a trace that only the effect has."""
-    model, _, record = adapter
-    from feltmb.adapters.effects import effect_of
-
-    entry = model.library.effect("capstan_height")
-    assert model.simulator.alias(entry) is not None
-    effect = effect_of(entry, model.outputs, model.library.channels)
-    theta = np.zeros(len(model.parameters))
-    (s,) = model.sensitivities([asked(record, theta, candidates=(Candidate(effect),))])
-    place = [p.name for p in model.parameters].index("capstan_height")
-    ours, theirs = s.d_candidates[..., 0], s.d_theta[..., place]
-    assert np.abs(theirs).max() > 0.0
-    assert np.array_equal(ours, theirs)
-
-
 def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(adapter):
     model, effects, record = adapter
     camera, force = (

@@ -269,3 +269,15 @@ def test_a_deviation_that_a_parameter_has_is_not_counted_twice():
     assert study.members == ()
     assert study.x == pytest.approx([(1.7 - model.parameters[0].value) / 0.1])
     assert "steeper" not in [h.name for h in study.hypotheses]
+
+
+def test_an_effect_of_a_parameter_with_a_tolerance_is_this_parameter():
+    """Its own column, which a simulation knows less exactly, would look like a signature."""
+    bent = replace(effect("bent", lambda u: u + 1e-3 * u**2, scale=0.5), tolerance_ratio=-2.0)
+    model = line(sd=0.1)
+    for name, same in (("slope", True), ("", False)):
+        study = Study.of(model, [replace(bent, tolerance_parameter=name)])
+        matrix = matrix_of(study, record())
+        at = [h.name for h in study.hypotheses].index("bent")
+        slope = -10.0 * matrix[:, 0]
+        assert np.allclose(matrix[:, 1 + at], slope, rtol=1e-9) is same
