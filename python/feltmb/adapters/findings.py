@@ -25,7 +25,6 @@ __all__ = [
     "action_with_effects",
     "bodies_at",
     "points_at",
-    "write_mechanism",
     "write_planned_stroke",
 ]
 
@@ -51,20 +50,6 @@ def action_with_effects(action: Action, entries: Chosen) -> Action:
         return action
     raw = config.model_dump(mode="json", by_alias=True, exclude_none=True)
     return Action(raw, action.origin)
-
-
-def write_mechanism(
-    path: Path,
-    action: Action,
-    entries: Chosen,
-    *,
-    provenance: str,
-    besides: Sequence[str] = (),
-    force: bool = False,
-) -> Path:
-    """Write the mechanism of :func:`action_of_findings` as TOML."""
-    changed = action_of_findings(action, entries, provenance=provenance, besides=besides)
-    return write_text(path, changed.to_toml(), force=force)
 
 
 def action_of_findings(

@@ -6,7 +6,6 @@ The results are :class:`~feltmb.adapters.changes.Entry` objects.
 
 from __future__ import annotations
 
-import difflib
 import fnmatch
 import math
 import re
@@ -21,7 +20,7 @@ from scipy.optimize import brentq
 from feltmb import params
 from feltmb.adapters.changes import Change, Entry, EntryKeys
 from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from feltmb.errors import InvalidParameter, near_names
 from feltmb.files import MOST_EXTENDS, read_toml
 from feltmb.mechanism import Action, Body, Contact, Curve, MechanismFile
 from feltmb.mechanism.numbers import read_entry
@@ -156,9 +155,8 @@ def _chosen(
         elif name in known:
             found = [known[name]]
         else:
-            near = difflib.get_close_matches(name, list(known), n=3, cutoff=0.4)
-            hint = f"; near: {', '.join(near)}" if near else ""
-            faults.append(f"{what[:-1]} {name!r} is not in library {library!r}{hint}")
+            near = near_names(name, known)
+            faults.append(f"{what[:-1]} {name!r} is not in library {library!r}{near}")
             continue
         out |= {e.name: e for e in found}
     if faults:

@@ -21,7 +21,7 @@ import numpy as np
 from feltmb.adapters.changes import Entry, same_values
 from feltmb.adapters.derivatives import Derivatives
 from feltmb.adapters.effects import columns_of, effect_of, partners
-from feltmb.adapters.findings import write_mechanism
+from feltmb.adapters.findings import action_of_findings
 from feltmb.adapters.library import Library, load_library
 from feltmb.adapters.records import (
     driven,
@@ -36,6 +36,7 @@ from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, k
 from feltmb.arguments import checked
 from feltmb.data import Array, Record, Sensor
 from feltmb.errors import DataError, InvalidParameter
+from feltmb.files import write_text
 from feltmb.fit import (
     Candidate,
     Effect,
@@ -81,6 +82,12 @@ SETTINGS = {
     "samples (default: that of the library, 0.01)",
     "variation": "relative change of felt and friction from stroke to stroke "
     "(default 0.01), none: no variation",
+}
+#: Settings that are numbers: a word in their place, and what it means.
+NUMBERS: Mapping[str, tuple[str, float | None]] = {
+    "rtol": ("", None),
+    "until": ("end", math.inf),
+    "variation": ("none", None),
 }
 
 
@@ -142,6 +149,8 @@ class MechanismModel(Model):
             raise InvalidParameter(f"rtol = {rtol!r}, expected in (0, 1)")
         if until is not None and not until >= 0.0:
             raise InvalidParameter(f"until = {until!r} s, expected >= 0")
+        if variation is not None and not 0.0 <= variation <= 0.5:
+            raise InvalidParameter(f"variation = {variation!r}, expected 0 to 0.5, or None")
         self.library = library
         self.name = action.name
         both = FORCE in outputs and DISPLACEMENT not in outputs
@@ -285,14 +294,13 @@ class MechanismModel(Model):
     ) -> Path:
         # The mechanism with these values as TOML.
         self.check_writing(path)
-        return write_mechanism(
-            path,
+        changed = action_of_findings(
             self.action,
             self.simulator.chosen(theta, tuple(included), magnitudes),
             provenance=provenance,
             besides=[t.name for t in included if not isinstance(t.effect.data, Entry)],
-            force=force,
         )
+        return write_text(path, changed.to_toml(), force=force)
 
     # --- simulations and derivatives --------------------------------------------------------------
 
@@ -479,15 +487,10 @@ def resolve(
         )
     action = with_values_told(name, [f"{k}={v}" for k, v in paths.items()], tell)
     options: dict[str, Any] = {}
-    if "rtol" in settings:
-        try:
-            options["rtol"] = float(settings["rtol"])
-        except ValueError:
-            raise InvalidParameter(f"rtol: got {settings['rtol']!r}, expected a number") from None
-    if "until" in settings:
-        options["until"] = _until(settings)
-    if "variation" in settings:
-        options["variation"] = _variation(settings)
+    for key, (word, meaning) in NUMBERS.items():
+        if key in settings:
+            text = settings[key]
+            options[key] = meaning if text == word else _number(key, text, word)
     library = load_library(action, settings.get("library"))
     if "tolerances" in settings:
         options["tolerances"] = _list(settings["tolerances"])
@@ -503,32 +506,12 @@ def resolve(
     return model, made
 
 
-def _until(settings: Mapping[str, str]) -> float:
-    """Time after the impact that is used [s]; infinite: to the end."""
-    text = settings["until"]
-    if text == "end":
-        return math.inf
+def _number(name: str, text: str, word: str) -> float:
     try:
-        value = float(text)
+        return float(text)
     except ValueError:
-        value = math.nan
-    if not 0.0 <= value < math.inf:
-        raise InvalidParameter(f"until: got {text!r}, expected seconds >= 0, or end")
-    return value
-
-
-def _variation(settings: Mapping[str, str]) -> float | None:
-    """Run-to-run variation [1]; None: none."""
-    text = settings["variation"]
-    if text == "none":
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
-    if not 0.0 <= value <= 0.5:
-        raise InvalidParameter(f"variation: got {text!r}, expected a share from 0 to 0.5, or none")
-    return value
+        other = f", or {word}" if word else ""
+        raise InvalidParameter(f"{name}: got {text!r}, expected a number{other}") from None
 
 
 def _list(text: str) -> list[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -210,17 +209,18 @@ def _sensors(
     adapter: Adapter, limits: Limits, records: Sequence[Record], channels: Sequence[str]
 ) -> dict[str, Sensor] | None:
     """Sensors of the planned outputs from planned runs of the model; None: see ``design``."""
+    from feltmb.experiment.designs import sensors_of
+
     wanted = adapter.outputs_of(channels) if channels else None
     if wanted is not None and (limits.sensors or not adapter.planned):
         raise InvalidParameter("--channels: name what is measured in [sensors] of the limits")
     if limits.sensors or not adapter.planned:
         return None
     usual = dict(adapter.planned[0].sensors)
-    known = {} if records and wanted is None else dict(usual)
-    for n, s in ((n, s) for r in records for n, s in r.sensors.items()):
-        if n in adapter.model.outputs:
-            known[n] = replace(s, sigma=usual[n].sigma) if s.sigma is None and n in usual else s
-    return {n: s for n, s in known.items() if wanted is None or n in wanted}
+    seen = sensors_of(records, adapter.model.outputs, usual)
+    if wanted is None:
+        return seen if records else usual
+    return {n: s for n, s in (usual | seen).items() if n in wanted}
 
 
 def _belief(path: Path) -> Belief:

@@ -12,9 +12,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from scipy.stats import qmc
@@ -24,7 +24,7 @@ from feltmb.data import Array, Record, Sensor
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.experiment.information import (
     TOLD,
-    VALUES,
+    Aim,
     Belief,
     Information,
     Knowledge,
@@ -44,9 +44,8 @@ __all__ = [
     "Help",
     "Visible",
     "design",
+    "sensors_of",
 ]
-
-Aim = Literal["names", "sizes"]
 
 #: Number of profiles of each family that are simulated.
 DRAWS = 8
@@ -243,7 +242,7 @@ def design(
         raise InvalidParameter("plan: " + "; ".join(faults))
     study = Study.of(model, effects, belief)
     work = _Work(study, limits, sensors_now(model, limits, records, sensors), seed, progress)
-    start = Knowledge(study)
+    start = Knowledge(study, aim=aim)
     for i, r in enumerate(records):
         work.tell("what the records tell", i, len(records))
         start = start.plus(study.linearized(r))
@@ -259,13 +258,12 @@ def design(
             f"plan: none of the {work.failed} profiles within the limits can be simulated by "
             f"{model.name}{work.why}; hint: lower inputs.most or lengthen the duration"
         )
-    value = VALUES[aim]
-    picked = _greedy(start, options, budget, value)
+    picked = _greedy(start, options, budget)
     if picked and refinements and picked[0].experiment.profile is not None:
-        better = work.improved(start, options, refinements, value)
+        better = work.improved(start, options, refinements)
         options = [*options, *([] if better in options else [better])]
-        picked = [better, *_greedy(start.plus(better.told), options, budget - 1.0, value)]
-    return _result(start, picked, options, aim, work)
+        picked = [better, *_greedy(start.plus(better.told), options, budget - 1.0)]
+    return _result(start, picked, options, work)
 
 
 def sensors_now(
@@ -286,19 +284,24 @@ def sensors_now(
     return known or every
 
 
-def _greedy(
-    knowledge: Knowledge,
-    options: Sequence[_Option],
-    budget: float,
-    value: Callable[[Knowledge], float],
-) -> list[_Option]:
+def sensors_of(
+    records: Sequence[Record], outputs: Iterable[str], usual: Mapping[str, Sensor]
+) -> dict[str, Sensor]:
+    """Sensors that records have for outputs, with the usual noise where it is not stated."""
+    seen = {n: s for r in records for n, s in r.sensors.items() if n in outputs}
+    return {
+        n: replace(s, sigma=usual[n].sigma) if s.sigma is None and n in usual else s
+        for n, s in seen.items()
+    }
+
+
+def _greedy(knowledge: Knowledge, options: Sequence[_Option], budget: float) -> list[_Option]:
     """Repeatedly take the experiment with the best gain for its cost, until the budget is used."""
     out: list[_Option] = []
     while True:
         made = [o for o in out if o.experiment.part is not None]  # a test is made once
         able = [o for o in options if o.cost <= budget + 1e-9 and o not in made]
-        now = value(knowledge)
-        gains = [(value(knowledge.plus(o.told)) - now) / o.cost for o in able]
+        gains = [(knowledge.plus(o.told).value - knowledge.value) / o.cost for o in able]
         if not gains or not max(gains) > LEAST_GAIN:
             return out
         best = able[int(np.argmax(gains))]
@@ -307,20 +310,17 @@ def _greedy(
         knowledge = knowledge.plus(best.told)
 
 
+@dataclass(eq=False)
 class _Work:
     """Draws profiles and computes their information."""
 
-    def __init__(
-        self,
-        study: Study,
-        limits: Limits,
-        sensors: Mapping[str, Sensor],
-        seed: int,
-        progress: Callable[[str, int, int], None] | None,
-    ):
-        self.study, self.limits, self.seed = study, limits, seed
-        self.sensors, self.progress = sensors, progress
-        self.failed, self.why = 0, ""
+    study: Study
+    limits: Limits
+    sensors: Mapping[str, Sensor]
+    seed: int
+    progress: Callable[[str, int, int], None] | None
+    failed: int = 0
+    why: str = ""
 
     def tell(self, stage: str, done: int, total: int) -> None:
         if self.progress is not None:
@@ -407,13 +407,7 @@ class _Work:
             out.append(_Option(replace(told, read=read, planned=True), experiment, knobs))
         return out
 
-    def improved(
-        self,
-        knowledge: Knowledge,
-        options: Sequence[_Option],
-        most: int,
-        value: Callable[[Knowledge], float],
-    ) -> _Option:
+    def improved(self, knowledge: Knowledge, options: Sequence[_Option], most: int) -> _Option:
         """The best profile after a random search with decreasing steps.
 
         It begins with the best profile of each family in turn, and ends with the best of all.
@@ -425,7 +419,7 @@ class _Work:
             profile = option.experiment.profile
             if profile is not None:
                 key = option.experiment.input, profile.family
-                worth = value(knowledge.plus(option.told))
+                worth = knowledge.plus(option.told).value
                 if key not in best or worth > best[key][0]:
                     best[key] = worth, option
 
@@ -489,9 +483,9 @@ def _words(profile: Profile, name: str, unit: str) -> str:
 
 
 def _result(
-    start: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], aim: Aim, work: _Work
+    start: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], work: _Work
 ) -> Design:
-    value, knowledge, experiments = VALUES[aim], start, []
+    knowledge, experiments = start, []
     names = np.array([h.name for h in start.study.hypotheses])
     for i, option in enumerate(picked, 1):
         then, record = knowledge.plus(option.told), option.experiment.record
@@ -499,8 +493,8 @@ def _result(
             replace(
                 option.experiment,
                 record=None if record is None else replace(record, name=f"experiment_{i}"),
-                before=value(knowledge),
-                after=value(then),
+                before=knowledge.value,
+                after=then.value,
                 detected=(len({*names[knowledge.detected]}), len({*names[then.detected]})),
                 separated=_separated(knowledge, then),
             )
@@ -509,14 +503,14 @@ def _result(
     everything = knowledge.plus(*(o.told for o in options if o not in picked))
     groups = everything.inseparable()
     return Design(
-        aim=aim,
+        aim=start.aim,
         experiments=tuple(experiments),
         effects=_visible(start, knowledge),
-        tests=_tests(knowledge, groups, value),
-        sensors=_sensors(knowledge, work, value),
-        before=value(start),
-        after=value(knowledge),
-        reachable=value(everything),
+        tests=_tests(knowledge, groups),
+        sensors=_sensors(knowledge, work),
+        before=start.value,
+        after=knowledge.value,
+        reachable=everything.value,
         inseparable=groups,
         failed=work.failed,
     )
@@ -558,16 +552,14 @@ def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.cause)))
 
 
-def _tests(
-    knowledge: Knowledge, groups: Sequence[Sequence[str]], value: Callable[[Knowledge], float]
-) -> tuple[Help, ...]:
+def _tests(knowledge: Knowledge, groups: Sequence[Sequence[str]]) -> tuple[Help, ...]:
     """Tests of single parts that would help.
 
     Of a parameter: to half of its uncertainty. Of an inseparable effect: as exact as it takes to
     tell it from another one. With the standard deviation s, the magnitude m has the log evidence
     m^2 / (2 s^2).
     """
-    study, now, spread = knowledge.study, value(knowledge), knowledge.spread()
+    study, spread = knowledge.study, knowledge.spread()
     wanted = [
         (p.name, max(HALF * spread[p.name], BEST * p.sd), p.unit)
         for p in study.model.parameters
@@ -581,16 +573,14 @@ def _tests(
         ):
             wanted.append((h.name, size * h.scale / math.sqrt(2.0 * TOLD), h.unit))
     found = [
-        Help(name=name, sd=sd, unit=unit, after=value(knowledge.plus(knowledge.test(name, sd))))
+        Help(name=name, sd=sd, unit=unit, after=knowledge.plus(knowledge.test(name, sd)).value)
         for name, sd, unit in dict.fromkeys(wanted)
     ]
-    useful = [t for t in found if t.after - now > WORTH_TELLING]
+    useful = [t for t in found if t.after - knowledge.value > WORTH_TELLING]
     return tuple(sorted(useful, key=lambda t: -t.after)[:TESTS])
 
 
-def _sensors(
-    knowledge: Knowledge, work: _Work, value: Callable[[Knowledge], float]
-) -> tuple[Help, ...]:
+def _sensors(knowledge: Knowledge, work: _Work) -> tuple[Help, ...]:
     """Further sensors, the most helpful first: the plan as it is, measured with each of them."""
     out = []
     for name, sigma in work.limits.further.items():
@@ -601,5 +591,5 @@ def _sensors(
             records.append(r if own is None else replace(r, read={**r.read, name: sigma / own}))
         then = replace(knowledge, records=tuple(records))
         unit = work.study.model.units.get(name) or "1"
-        out.append(Help(name=name, sd=sigma, unit=unit, after=value(then)))
+        out.append(Help(name=name, sd=sigma, unit=unit, after=then.value))
     return tuple(sorted(out, key=lambda s: -s.after))

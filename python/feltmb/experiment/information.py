@@ -23,10 +23,10 @@ exp(-L_ab)). The value of an experiment is the mean of p_a over all possible cau
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +47,9 @@ from feltmb.gap.records import causes_of, problem_of, ready_records, same_number
 from feltmb.gap.result import Result
 from feltmb.gap.variation import varies, with_variation
 
-__all__ = ["Belief", "Hypothesis", "Information", "Knowledge", "Study"]
+__all__ = ["Aim", "Belief", "Hypothesis", "Information", "Knowledge", "Study"]
+
+Aim = Literal["names", "sizes"]
 
 #: Magnitudes of a cause that are assumed before there are data [scales].
 MAGNITUDES = (0.5, 1.0, 2.0)
@@ -415,6 +417,12 @@ class Knowledge:
     """Information of tests of parts."""
     before: Array | None = None
     """Matrix G of the records whose evidence the belief already contains."""
+    aim: Aim = "names"
+
+    @cached_property
+    def value(self) -> float:
+        """What an experiment increases, by its aim."""
+        return self.names() if self.aim == "names" else self.sizes()
 
     def plus(self, *more: Information | Array) -> Knowledge:
         """Knowledge with further records and tests of parts."""
@@ -577,10 +585,3 @@ def _against(gram: Array) -> Array:
     own = np.diag(gram)
     taken = gram**2 / (own + WIDE**-2)[None, :]
     return np.asarray(0.5 * np.maximum(own[:, None] - taken, 0.0))
-
-
-#: Value of knowledge by aim.
-VALUES: dict[str, Callable[[Knowledge], float]] = {
-    "names": Knowledge.names,
-    "sizes": Knowledge.sizes,
-}

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Any
 
 from feltmb.adapters import MechanismModel, finger_limits, planned_strokes
-from feltmb.data import Record, Sensor
+from feltmb.data import Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.experiment import Belief, Design, design, reasons
+from feltmb.experiment.designs import sensors_of
 from feltmb.fit import Effect
 from feltmb.live.states import Playing
 
@@ -59,12 +59,13 @@ def propose(
             "hint: feltmb gap plan --limits takes any input"
         )
     counted = records[:MOST_RECORDS]
+    usual = dict(planned_strokes(model, ("forte",))[0].sensors)
     found = design(
         model,
         effects,
         counted,
         limits=limits,
-        sensors=_sensors(model, counted),
+        sensors=sensors_of(counted, usual, usual) or usual,
         budget=STROKES,
         belief=belief,
         families=FAMILIES,
@@ -73,15 +74,6 @@ def propose(
         progress=progress,
     )
     return _told(found, len(records))
-
-
-def _sensors(model: MechanismModel, records: Sequence[Record]) -> dict[str, Sensor]:
-    """Sensors of the records; typical ones if there are none or their noise is unknown."""
-    usual = planned_strokes(model, ("forte",))[0].sensors
-    seen = {n: s for r in records for n, s in r.sensors.items() if n in usual}
-    return {
-        n: s if s.sigma is not None else replace(s, sigma=usual[n].sigma) for n, s in seen.items()
-    } or dict(usual)
 
 
 def _told(found: Design, records: int) -> dict[str, Any]:

@@ -67,7 +67,7 @@ def test_selection_by_name_pattern_and_all():
     assert {e.name for e in library.select(["felt_hysteresis.*"])} == {
         f"felt_hysteresis.{n:02d}" for n in range(1, 16)
     }
-    with pytest.raises(InvalidParameter, match=r"let_off_buton.*near: let_off_button"):
+    with pytest.raises(InvalidParameter, match=r"let_off_buton.*near are let_off_button"):
         library.select(["let_off_buton"])
     with pytest.raises(InvalidParameter, match="no name of library"):
         library.select(["zzz*"])

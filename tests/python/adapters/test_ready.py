@@ -234,9 +234,10 @@ def test_a_variant_of_a_mechanism_takes_its_library():
     [
         ({"rtol": "0"}, "rtol = 0.0"),
         ({"library": "mechanism", "until": "0.01"}, "does not specify the reversal of a stroke"),
-        ({"until": "soon"}, "got 'soon', expected seconds >= 0, or end"),
-        ({"until": "-1"}, "got '-1'"),
-        ({"until": "nan"}, "got 'nan'"),
+        ({"until": "soon"}, "got 'soon', expected a number, or end"),
+        ({"until": "-1"}, "until = -1"),
+        ({"until": "nan"}, "until = nan"),
+        ({"variation": "2"}, "variation = 2"),
         ({"shooting": "multiple"}, "--set shooting: expected channels"),
     ],
 )
