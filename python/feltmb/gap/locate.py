@@ -8,7 +8,7 @@ of the noise of inputs, so that the evidence of :mod:`feltmb.gap.evidence` judge
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,14 +22,14 @@ from feltmb.gap.linear import (
     Ask,
     Linear,
     Point,
-    evaluate,
     magnitudes_at,
     shapes_of,
     start_states,
     theta_at,
 )
-from feltmb.gap.problem import Local, Member, Observed, Problem, rms_of
+from feltmb.gap.problem import Local, Observed, Problem, rms_of
 from feltmb.gap.result import Cell, Event, Place
+from feltmb.gap.score import directions
 
 __all__ = ["cells", "events", "most_different", "places"]
 
@@ -145,32 +145,40 @@ def places(problem: Problem, fitted: Fitted) -> tuple[Place, ...]:
     problem, fitted
         The problem and the set.
     """
-    ports = problem.model.ports
-    found = []
     with np.errstate(all="ignore"):
-        if ports:
-            responses = _responses(problem, fitted)
-            root = np.linalg.cholesky(_matern(KNOTS) + 1e-9 * np.eye(KNOTS))
-            for j, port in enumerate(ports):
-                patterns = [x[:, :, j] @ root for x in responses]
-                place, values = _tested(problem, fitted, patterns, port.name, SIZES, port=True)
-                found.append((place, [port.scale * (root @ v) for v in values], port))
-        else:
-            none = Port(name="none", component="none")
-            for name, patterns in _components(problem, fitted).items():
-                place, values = _tested(problem, fitted, patterns, name, (1.0,), port=False)
-                found.append((place, values, none))
-        found = sorted((f for f in found if f[0].gain > 0.0), key=lambda f: -f[0].gain)[:PLACES]
-        if found and ports:
-            first, force, port = found[0]
-            first = replace(first, resembles=_likeness(problem, fitted, force, port))
-            found[0] = (first, force, port)
+        tested = [
+            (*_tested(problem, fitted, patterns, name, port), port)
+            for name, patterns, port in _patterns(problem, fitted)
+        ]
+        found = sorted((f for f in tested if f[0].gain > 0.0), key=lambda f: -f[0].gain)[:PLACES]
+        if found and (port := found[0][2]) is not None:
+            first, values, _ = found[0]
+            forces = [port.scale * (_smooth() @ v) for v in values]
+            first = replace(first, resembles=_likeness(problem, fitted, forces, port))
+            found[0] = first, values, port
     return tuple(f[0] for f in found)
 
 
-def _matern(count: int) -> Array:
-    apart = np.abs(np.subtract.outer(np.arange(count), np.arange(count))) * np.sqrt(3.0) / LENGTH
-    return np.asarray((1.0 + apart) * np.exp(-apart))
+def _patterns(problem: Problem, fitted: Fitted) -> Iterator[tuple[str, list[Array], Port | None]]:
+    """Places with the patterns that they add to the outputs, by record: ports, or components."""
+    if problem.model.ports:
+        responses = _responses(problem, fitted)
+        for j, port in enumerate(problem.model.ports):
+            yield port.name, [x[:, :, j] @ _smooth() for x in responses], port
+        return
+    seen = directions(problem, fitted)
+    groups: dict[str, list[int]] = {}
+    for k, m in enumerate(seen.further):
+        groups.setdefault(problem.causes[m.cause].component, []).append(k)
+    for name, own in groups.items():
+        yield name, [x[:, :, own] for x in seen.by_further], None
+
+
+def _smooth() -> Array:
+    """Forces at the knots, one for each standard normal coefficient (Matern 3/2), (k, k)."""
+    knots = np.arange(KNOTS)
+    apart = np.abs(np.subtract.outer(knots, knots)) * np.sqrt(3.0) / LENGTH
+    return np.linalg.cholesky((1.0 + apart) * np.exp(-apart) + 1e-9 * np.eye(KNOTS))
 
 
 def _jobs(problem: Problem, fitted: Fitted, r: int, count: int) -> Jobs:
@@ -203,31 +211,12 @@ def _responses(problem: Problem, fitted: Fitted) -> list[Array]:
     return out
 
 
-def _components(problem: Problem, fitted: Fitted) -> dict[str, list[Array]]:
-    """Responses to the effects that a set lacks, by component and record, (n, m, k)."""
-    further = tuple(
-        Member(i, shape)
-        for i, cause in enumerate(problem.causes)
-        if cause.effect is not None and i not in fitted.causes
-        for shape in cause.effect.shapes
-    )
-    if not further:
-        return {}
-    seen = evaluate(problem, [Ask(fitted.members, fitted.point, problem.fit, further)])[0]
-    groups: dict[str, list[int]] = {}
-    for k, m in enumerate(further):
-        groups.setdefault(problem.causes[m.cause].component, []).append(k)
-    return {name: [x.by_further[:, :, own] for x in seen] for name, own in groups.items()}
-
-
 def _tested(
     problem: Problem,
     fitted: Fitted,
     patterns: Sequence[Array],
     name: str,
-    sizes: Sequence[float],
-    *,
-    port: bool,
+    port: Port | None,
 ) -> tuple[Place, list[Array]]:
     """A place with its evidence, and the coefficients of its patterns by record."""
     at = [len(o.local) for o in problem.fit]
@@ -247,9 +236,9 @@ def _tested(
             for v, p, k in zip(fitted.point.local, patterns, at, strict=True)
         ),
     )
-    best: tuple[float, Array, list[Array]] | None = None
+    best, coefficients = Place(name, port is not None, (), 0.0), []
     every = np.ones(len(problem.channels))
-    for size in sizes:
+    for size in (1.0,) if port is None else SIZES:
         wider = replace(
             problem,
             fit=tuple(
@@ -259,16 +248,14 @@ def _tested(
         )
         forced, taken = _explained(wider, replace(fitted, point=point, linears=linears))
         gain = log_evidence(wider, forced, every) - log_evidence(problem, fitted, every)
-        if np.isfinite(gain) and (best is None or gain > best[0]):
+        if np.isfinite(gain) and gain > best.gain:
             left = rms_of(problem.fit, (x.residual for x in forced.linears)) / np.sqrt(1.0 - taken)
-            values = [
+            best = replace(best, left=tuple(float(v) for v in left), gain=float(gain))
+            coefficients = [
                 v[k : k + p.shape[2]]
                 for v, p, k in zip(forced.point.local, patterns, at, strict=True)
             ]
-            best = gain, left, values
-    if best is None:
-        return Place(name, port, (), 0.0), []
-    return Place(name, port, tuple(float(v) for v in best[1]), float(best[0])), best[2]
+    return best, coefficients
 
 
 def _explained(problem: Problem, fitted: Fitted, rounds: int = 4) -> tuple[Fitted, float]:
