@@ -348,6 +348,8 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
 
     NaN if the delay explains less than half of the squared difference.
     """
+    from scipy.signal import correlate
+
     both = np.isfinite(measured) & np.isfinite(model)
     count = int(min(time.size, 4096))
     if both.sum() < 8:
@@ -357,10 +359,8 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
     y = np.interp(clock, time[both], model[both])
     most = int(LONGEST * count)
     padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
-    # Sums of squares of all delays at once: x^2 - 2 x y + y^2, with the product by convolution.
-    length = 1 << (padded.size + count).bit_length()
-    spectrum = np.fft.rfft(padded, length) * np.fft.rfft(x[::-1], length)
-    product = np.fft.irfft(spectrum, length)[count - 1 : padded.size]
+    # Sums of squares of all delays at once: x^2 - 2 x y + y^2.
+    product = correlate(padded, x, mode="valid", method="fft")
     squares = np.concatenate([[0.0], np.cumsum(padded**2)])
     cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
     best = int(np.argmin(cost))

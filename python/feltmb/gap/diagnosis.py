@@ -77,7 +77,8 @@ def diagnose(
         ``tell`` raised it before there was a fit of the model.
     """
     options = options or Options()
-    end = time.monotonic() + FITS * options.seconds
+    began = time.monotonic()
+    end = began + FITS * options.seconds
     meter = Meter(tell, FITS * options.seconds)
 
     def check() -> None:
@@ -105,8 +106,7 @@ def diagnose(
             problem = with_variation(problem)
         meter.stage("fit")
         searched = search(problem, options, meter.stage, meter.step)
-        seconds = meter.progress.elapsed
-        result = judge(searched, options, seconds, meter.stage, check)
+        result = judge(searched, options, time.monotonic() - began, meter.stage, check)
         meter.stage("done")
     report = Report.of(result)
     report.model = explained_model(ready.model, tested, result)

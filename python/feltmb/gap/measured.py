@@ -29,7 +29,7 @@ from feltmb.arguments import checked
 from feltmb.errors import DataError, InvalidParameter, near_names, shown
 from feltmb.files import read_toml
 from feltmb.fit.inclusion import including
-from feltmb.fit.model import Effect, Model, Parameter
+from feltmb.fit.model import Effect, Model
 from feltmb.units.quantity import Schema, fault_lines, fault_text, parse_scalar
 
 __all__ = [
@@ -224,34 +224,29 @@ def with_measured(
     by_name: dict[str, list[Measured]] = {}
     for m in measured:
         by_name.setdefault(m.parameter, []).append(m)
-    reasons = {name: no_test_of(name, model, effects) for name in by_name}
-    faults = [f"{name}: {why}" for name, why in reasons.items() if why]
-    magnitudes: dict[str, tuple[float, float]] = {}
-    changed: dict[str, Parameter] = {}
+    faults, changed, included = [], {}, {}
     for name, tests in by_name.items():
-        if reasons[name]:
+        if why := no_test_of(name, model, effects):
+            faults.append(f"{name}: {why}")
             continue
         value, sd = _combined(tests)
-        if name in parameters:
-            p = parameters[name]
-            (lower, upper), unit = (p.lower, p.upper), p.unit
-            changed[name] = replace(p, sd=sd, before=p.before or p)
-        else:
-            (lower, upper), unit = known[name].bounds, known[name].unit
-            magnitudes[name] = value, sd
+        p = parameters.get(name)
+        unit = known[name].unit if p is None else p.unit
+        lower, upper = known[name].bounds if p is None else (p.lower, p.upper)
         if not lower <= value <= upper:
             faults.append(
                 f"{name}: got {value:g} {unit}, expected a value in [{lower:g}, {upper:g}]"
             )
-        elif name in changed:
-            changed[name] = replace(changed[name], value=value)
+        elif p is None:
+            included[name] = value, sd
+        else:
+            changed[name] = replace(p, value=value, sd=sd, before=p.before or p)
     if faults:
         raise InvalidParameter("measured: " + "; ".join(faults))
     out = model.with_parameters(changed) if changed else model
-    if not magnitudes:
+    if not included:
         return out
-    values, sds = zip(*magnitudes.values(), strict=True)
-    out = including(out, [known[name] for name in magnitudes], values, sds)
+    out = including(out, [known[n] for n in included], *zip(*included.values(), strict=True))
     unknown = {p.name: replace(p, value=0.0, sd=math.inf) for p in out.own}
     return out.with_parameters({p.name: replace(p, before=unknown[p.name]) for p in out.own})
 

@@ -109,11 +109,6 @@ class Meter:
         if self._stopped:
             raise Stop
 
-    @property
-    def progress(self) -> Progress:
-        """The present state."""
-        return self._state(self._clock())
-
     def _report(self, now: float) -> None:
         if self._tell is None or self._stopped:
             return

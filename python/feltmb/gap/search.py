@@ -177,16 +177,17 @@ def _start(problem: Problem, members: Members, origin: Fitted, added: Score | No
         if key[0] == "parameter" or key[1] in kept
     }
     x = np.array([base.x[old[key]] if key in old else 0.0 for key in new])
-    local = [local_of(problem, members, o) for o in problem.fit]
-    same = local == [local_of(problem, origin.members, o) for o in problem.fit]
+    same = all(
+        local_of(problem, members, o) == local_of(problem, origin.members, o) for o in problem.fit
+    )
     known: tuple[Linear, ...] = ()
     if added is not None and same:
         known = _extended(problem, origin, added, [old.get(key, -1) for key in new], new)
     if added is not None and not known and ("magnitude", added.cause, 0) in new:
         x[new.index(("magnitude", added.cause, 0))] = added.step
     values = tuple(
-        _carried(problem, o, (origin.members, v), (members, np.zeros(len(q))))
-        for o, v, q in zip(problem.fit, base.local, local, strict=True)
+        _carried(problem, o, origin.members, v, members)
+        for o, v in zip(problem.fit, base.local, strict=True)
     )
     points = [Point(x, values)]
     if added is not None and origin.share < POOR:
@@ -228,21 +229,19 @@ def _extended(
 
 
 def _carried(
-    problem: Problem, observed: Observed, old: tuple[Members, Array], new: tuple[Members, Array]
+    problem: Problem, observed: Observed, old: Members, values: Array, new: Members
 ) -> Array:
-    """Unknowns of a record in a set, with the values that they have in another set."""
+    """Unknowns of a record in a set, with the values that they have in another set.
+
+    Hidden states have the numbers of their set, so that another set begins with their priors.
+    """
     own = len(problem.model.states())
-
-    def keys(members: Members) -> list[tuple[str, int]]:
-        # Hidden states have the numbers of their set, in the order of its effects.
-        hidden = members if members == new[0] else ()
-        return [
-            (q.kind, q.index if q.kind != "start" or q.index < own or hidden else -1 - q.index)
-            for q in local_of(problem, members, observed)
-        ]
-
-    known = dict(zip(keys(old[0]), old[1], strict=True))
-    return np.array([known.get(k, v) for k, v in zip(keys(new[0]), new[1], strict=True)])
+    known = {
+        (q.kind, q.index): v
+        for q, v in zip(local_of(problem, old, observed), values, strict=True)
+        if old == new or q.kind != "start" or q.index < own
+    }
+    return np.array([known.get((q.kind, q.index), 0.0) for q in local_of(problem, new, observed)])
 
 
 def _with(origin: Fitted, score: Score) -> Members:
