@@ -12,7 +12,7 @@ from feltmb.data import Record, Sensor
 from feltmb.errors import InvalidParameter
 from feltmb.fit import Coordinate, LinearModel, Named, Parameter
 from feltmb.gap import Verdict, diagnose, library
-from feltmb.gap.library.balance import relaxed_along, slip_along
+from feltmb.gap.library.balance import MEMORY, slip_along
 
 TIME = np.linspace(0.0, 2.0, 1601)
 
@@ -61,7 +61,7 @@ def test_the_relaxation_along_a_motion_has_its_closed_form():
     exact = (np.sin(w * TIME) - w * tau * np.cos(w * TIME) + w * tau * np.exp(-TIME / tau)) / (
         1.0 + (w * tau) ** 2
     )
-    found = relaxed_along(TIME, np.sin(w * TIME), tau)
+    found = MEMORY["creep.stretch"](TIME, np.sin(w * TIME), tau)
     assert found == pytest.approx(exact, abs=2e-5)
 
 
@@ -104,7 +104,7 @@ def play_of(q, width):
 CAUSES = {
     "clearance of damper": lambda q, v: 300.0 * np.gradient(play_of(q, 7e-4), TIME) - 300.0 * v,
     "hysteresis": lambda q, v: 8.0 * (q - play_of(q, 6e-4)) / 6e-4,
-    "creep": lambda q, v: 900.0 * (q - relaxed_along(TIME, q, 0.2)),
+    "creep": lambda q, v: 900.0 * (q - MEMORY["creep.stretch"](TIME, q, 0.2)),
     "dead zone": lambda q, v: -0.6 * 2000.0 * np.clip(q, -8e-4, 8e-4),
     "constant force": lambda q, v: np.full(q.size, 3.0),
 }

@@ -13,6 +13,7 @@ from feltmb.data import Array, Record
 from feltmb.data.smoothing import noise_of_record, smooth_record
 from feltmb.errors import InvalidParameter, no_such
 from feltmb.fit import Coordinate, Effect, Named
+from feltmb.fit.observe import low_passed
 from feltmb.gap.library.forces import (
     CLEARANCE_SHARPNESS,
     Scales,
@@ -23,10 +24,7 @@ from feltmb.gap.library.forces import (
     offset_force,
 )
 
-__all__ = [
-    "relaxed_along",
-    "slip_along",
-]
+__all__ = ["slip_along"]
 
 #: Speeds by record and position, as long as the record exists.
 _speeds: WeakKeyDictionary[Record, dict[str, Array]] = WeakKeyDictionary()
@@ -200,32 +198,9 @@ def slip_along(position: Array, stretch: float, sharpness: float) -> Array:
     return np.asarray(position - stretch * deflection)
 
 
-def relaxed_along(time: Array, position: Array, relaxation: float) -> Array:
-    """Position z of the damper of a Maxwell branch, for a measured position q, (n,).
-
-    dz/dt = (q - z) / tau, and it starts relaxed, z = q.
-
-    Parameters
-    ----------
-    time
-        Times of the samples, (n,) [s].
-    position
-        Measured position q, (n,) [m or rad].
-    relaxation
-        Relaxation time tau [s], > 0.
-    """
-    spans = np.diff(time) / relaxation
-    kept = np.exp(-spans)
-    added = -np.expm1(-spans) / spans * np.diff(position)
-    stretch = np.zeros(position.size)
-    for i, (k, a) in enumerate(zip(kept.tolist(), added.tolist(), strict=True)):
-        stretch[i + 1] = k * stretch[i] + a
-    return np.asarray(position - stretch)
-
-
 #: Memory of an effect along a record: hidden state -> function of time, position and shape.
 MEMORY: Mapping[str, Callable[[Array, Array, Any], Array]] = {
     "hysteresis.slip": lambda t, q, shape: slip_along(q, *shape),
     "clearance.slip": lambda t, q, b: slip_along(q, b, CLEARANCE_SHARPNESS),
-    "creep.stretch": relaxed_along,
+    "creep.stretch": lambda t, q, tau: low_passed(t, q[None], np.array([tau]), q[:1])[0],
 }
