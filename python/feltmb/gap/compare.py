@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -437,7 +438,7 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
     size = _size_of_tolerances(model)
     found: list[Hint] = []
     if math.isfinite(size):
-        found += _clock(model, runs)
+        found += _follows(model, runs, _clocks(model))
         if not found:
             units = [*_units(rows)]
             known = {n for h in units for n in h.channels}  # as good an explanation as an exchange
@@ -445,7 +446,7 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
             taken = {n for h in found for n in h.channels}
             found += [h for h in units if not taken & {*h.channels}]
         if not found:
-            found += _input(model, runs)
+            found += _follows(model, runs, _inputs(model, runs))
     if size > ANY_SIZE:
         found = [replace(h, sure=False) for h in found]
     return tuple(found or _delays(rows))
@@ -539,7 +540,7 @@ def _left(record: Record, outputs: Mapping[str, Array]) -> float:
 def _follows(
     model: Model,
     runs: Runs,
-    others: Sequence[tuple[Hint, Callable[[Record], Record]]],
+    others: Iterable[tuple[Hint, Callable[[Record], Record]]],
 ) -> list[Hint]:
     """The change of the records with which the model follows all of them far better, if any."""
     runs = [(r, y) for r, y in runs if r.start is None or r.start.known]
@@ -561,38 +562,30 @@ def _follows(
     return best
 
 
-def _clock(model: Model, runs: Runs) -> list[Hint]:
-    others = [
-        (
-            Hint("clock", ("time",), f"the model follows all records with a clock {factor:.4g} "
-                 f"times as long: is the unit of time another one ({text})?"),
-            partial(Record.stretched, factor=factor),
-        )
-        for factor, text in _CLOCKS
-        if factor < 1.0 or model.states()  # without states, a long record may need very long
-    ]  # fmt: skip
-    return _follows(model, runs, others)
+def _clocks(model: Model) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
+    for factor, text in _CLOCKS:
+        if factor < 1.0 or model.states():  # without states, a long record may need very long
+            yield (
+                Hint("clock", ("time",), f"the model follows all records with a clock {factor:.4g} "
+                     f"times as long: is the unit of time another one ({text})?"),
+                partial(Record.stretched, factor=factor),
+            )  # fmt: skip
 
 
-def _input(model: Model, runs: Runs) -> list[Hint]:
+def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
     """An input in another unit: beside a constant, the outputs do not have its factor."""
-    if not model.states():  # a mechanism, whose steps follow the motion, may need very long
-        return []
 
     def scaled(record: Record, name: str, factor: float) -> Record:
         return record.with_changed_inputs(lambda whole: {name: factor * whole.inputs[name]})
 
-    shared = set.intersection(*(set(r.inputs) for r, _ in runs))
-    others = [
-        (
+    # A mechanism, whose steps follow the motion, may need very long.
+    shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if model.states() else ()
+    for name, factor in itertools.product(sorted(shared), (1e3, 1e-3)):
+        yield (
             Hint("input", (name,), f"the model follows all records with {factor:g} times the "
                  f"values of {name}: is its unit another one than its label?"),
             partial(scaled, name=name, factor=factor),
-        )
-        for name in sorted(shared)
-        for factor in (1e3, 1e-3)
-    ]  # fmt: skip
-    return _follows(model, runs, others)
+        )  # fmt: skip
 
 
 def _exchanged(runs: Runs, rows: Sequence[Compared]) -> list[Hint]:

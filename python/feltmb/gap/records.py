@@ -188,7 +188,7 @@ def problem_of(
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
     noise = _noise_levels(records)
     # Functions of a user may return arrays of the length of the measured record.
-    clock = clock_rate(model.outputs)
+    clock = clock_rate()
     after = AFTER if model.states() and model.accepts(clock) else 0.0
     observed, unseen = (
         tuple(_observed(model, r, names, noise, after) for r in part) for part in (fitted, held)

@@ -676,7 +676,7 @@ def test_a_slow_clock_is_named_though_it_shows_times_after_the_end():
         rates=lambda _t, x, _u, p: (x.v, -9.81 * np.sin(x.q) - p.b * x.v),
         outputs={"q": "q"},
     )
-    effect = library.clock_rate(model.outputs)
+    effect = library.clock_rate()
     generator = np.random.default_rng(3)
     records = []
     for k, start in enumerate((0.4, 0.6, 0.8)):

@@ -176,18 +176,12 @@ def sensor_delay(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
     )
 
 
-def clock_rate(outputs: Sequence[str]) -> Effect:
+def clock_rate() -> Effect:
     """The clock of all channels runs by another rate than that of the model and its inputs.
 
     At the time t of a record, counted from its first sample, the channels show the outputs at the
     time (1 + magnitude) t.
-
-    Parameters
-    ----------
-    outputs
-        Outputs of the model.
     """
-    del outputs
 
     def observe(record: Record, values: Array, magnitudes: Array, shape: Any) -> Array:
         from scipy.interpolate import CubicSpline
