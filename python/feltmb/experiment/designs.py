@@ -486,7 +486,7 @@ def _result(
     start: Knowledge, picked: Sequence[_Option], options: Sequence[_Option], work: _Work
 ) -> Design:
     knowledge, experiments = start, []
-    names = np.array([h.name for h in start.study.hypotheses])
+    names = start.study.names
     for i, option in enumerate(picked, 1):
         then, record = knowledge.plus(option.told), option.experiment.record
         experiments.append(
@@ -518,13 +518,13 @@ def _result(
 
 def _separated(before: Knowledge, after: Knowledge) -> tuple[str, str, float, float] | None:
     """The pair of causes that an experiment separates best, weighted by their probability."""
-    weights, names = before.study.possible, [h.name for h in before.study.hypotheses]
+    weights, names = before.study.possible, before.study.names
     was, then = before.chance, after.chance
     worth = (was - then) * np.minimum(weights[:, None], weights[None, :])
     a, b = np.unravel_index(int(np.argmax(worth)), worth.shape)
     if was[a, b] - then[a, b] < WORTH_TELLING:
         return None
-    return names[a], names[b], float(was[a, b]), float(then[a, b])
+    return str(names[a]), str(names[b]), float(was[a, b]), float(then[a, b])
 
 
 def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
@@ -532,22 +532,21 @@ def _visible(before: Knowledge, after: Knowledge) -> tuple[Visible, ...]:
     study, n = after.study, after.study.x.size
     whole = np.diag(after.matrix)[n:]
     rows: dict[str, Visible] = {}
-    for i, h in enumerate(study.hypotheses):
-        same = [k for k, other in enumerate(study.hypotheses) if other.name == h.name]
+    for i, c in enumerate(study.causes):
         rival = int(np.argmax(after.chance[i]))
-        if h.name in rows and rows[h.name].smallest <= after.smallest[i]:
+        if c.name in rows and rows[c.name].smallest <= after.smallest[i]:
             continue
-        rows[h.name] = Visible(
-            cause=h.name,
-            unit=h.unit,
-            belief=float(study.possible[same].sum()),
+        rows[c.name] = Visible(
+            cause=c.name,
+            unit=study.size(c)[1],
+            belief=float(study.possible[study.names == c.name].sum()),
             smallest_before=float(before.smallest[i]),
             smallest=float(after.smallest[i]),
             right=float(after.beliefs[i]),
-            rival=study.hypotheses[rival].name if after.chance[i, rival] > 0.01 else "",
+            rival=str(study.names[rival]) if after.chance[i, rival] > 0.01 else "",
             confusion=float(after.chance[i, rival]),
             imitated=bool(whole[i] > 0.0 and after.gram[i, i] == 0.0),
-            parameter=h.effect is None,
+            parameter=c.effect is None and c.alias is None,
         )
     return tuple(sorted(rows.values(), key=lambda r: (-r.belief, -r.right, r.cause)))
 
@@ -565,13 +564,12 @@ def _tests(knowledge: Knowledge, groups: Sequence[Sequence[str]]) -> tuple[Help,
         for p in study.model.parameters
         if 0.0 < p.sd < math.inf and p.of_the_machine
     ]
-    for h, size in zip(study.hypotheses, knowledge.expected, strict=True):
-        if (
-            h.effect
-            and any(h.name in g for g in groups)
-            and not no_test_of(h.name, study.model, study.effects)
-        ):
-            wanted.append((h.name, size * h.scale / math.sqrt(2.0 * TOLD), h.unit))
+    for i, c in enumerate(study.causes):
+        tested = c.effect is not None and not no_test_of(c.name, study.model, study.effects)
+        if tested and any(c.name in g for g in groups):
+            scale, unit = study.size(c)
+            size = knowledge.expected[i] * scale
+            wanted.append((c.name, size / math.sqrt(2.0 * TOLD), unit))
     found = [
         Help(name=name, sd=sd, unit=unit, after=knowledge.plus(knowledge.test(name, sd)).value)
         for name, sd, unit in dict.fromkeys(wanted)

@@ -42,12 +42,12 @@ from feltmb.gap.fit import empty_point
 from feltmb.gap.linear import Ask, Linear, Point, evaluate, magnitudes_at, shapes_of, theta_at
 from feltmb.gap.measured import untested
 from feltmb.gap.options import Options
-from feltmb.gap.problem import RELEASED, Member, Members, Problem
-from feltmb.gap.records import causes_of, problem_of, ready_records, same_number
+from feltmb.gap.problem import RELEASED, Cause, Member, Members, Problem
+from feltmb.gap.records import as_parameter, causes_of, problem_of, ready_records
 from feltmb.gap.result import Result
 from feltmb.gap.variation import varies, with_variation
 
-__all__ = ["Aim", "Belief", "Hypothesis", "Information", "Knowledge", "Study"]
+__all__ = ["Aim", "Belief", "Information", "Knowledge", "Study"]
 
 Aim = Literal["names", "sizes"]
 
@@ -145,26 +145,6 @@ def _shape(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-@dataclass(frozen=True)
-class Hypothesis:
-    """A cause that may be missing, with one of its shapes."""
-
-    name: str
-    unit: str
-    scale: float
-    """Expected magnitude [unit]."""
-    odds: float
-    """Prior odds that it exists, shared by its shapes [1]."""
-    effect: Effect | None = None
-    """None: a parameter outside its tolerance."""
-    member: Member | None = None
-    """The effect, as it is simulated; None: it changes a parameter that has a tolerance."""
-    parameter: int = -1
-    """Index of this parameter."""
-    change: float = 0.0
-    """Its change at the expected magnitude [its unit]."""
-
-
 @dataclass(frozen=True, eq=False)
 class Study:
     """What a plan is about: a model at a point, and the causes that it may lack."""
@@ -197,7 +177,8 @@ class Study:
     def problem(self) -> Problem:
         """Model and causes without records."""
         causes = causes_of(self.model, self.effects, OPTIONS.missing)
-        return Problem(self.model, causes, (), (), ())
+        same = tuple(as_parameter(self.model, c) for c in causes)
+        return Problem(self.model, same, (), (), ())
 
     @cached_property
     def members(self) -> Members:
@@ -206,9 +187,7 @@ class Study:
         return tuple(
             Member(i, included[c.name][1])
             for i, c in enumerate(self.problem.causes)
-            if c.effect is not None
-            and c.name in included
-            and same_number(self.model, c.effect) is None
+            if c.effect is not None and c.name in included
         )
 
     @cached_property
@@ -225,36 +204,51 @@ class Study:
         return x
 
     @cached_property
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """Causes that may be missing, one for each shape.
+    def hypotheses(self) -> Members:
+        """Causes that may be missing, each with all shapes."""
+        told = () if self.belief is None else self.belief.included
+        return tuple(
+            Member(i, shape)
+            for i, c in enumerate(self.problem.causes)
+            if c.name not in told
+            for shape in (c.effect.shapes if c.effect else (None,))
+        )
 
-        As in a diagnosis, an effect that changes a parameter with a tolerance is that parameter.
-        """
-        out, told = [], () if self.belief is None else self.belief.included
-        for i, c in enumerate(self.problem.causes):
-            odds = math.exp(c.log_odds)
-            if c.parameter is not None:
-                p = self.model.parameters[c.parameter]
-                size = RELEASED * p.size
-                out.append(
-                    Hypothesis(p.name, p.unit, size, odds, parameter=c.parameter, change=size)
-                )
-            if (e := c.effect) is None or c.name in told:
-                continue
-            own = Hypothesis(e.name, e.unit, e.scale, odds / len(e.shapes), e)
-            if (same := same_number(self.model, e)) is not None:
-                out.append(replace(own, parameter=same, change=e.scale * e.tolerance_ratio))
-            else:
-                out += [replace(own, member=Member(i, shape)) for shape in e.shapes]
-        return tuple(out)
+    @property
+    def causes(self) -> list[Cause]:
+        """The cause of each hypothesis."""
+        return [self.problem.causes[h.cause] for h in self.hypotheses]
+
+    @cached_property
+    def names(self) -> Array:
+        """Name of each hypothesis, (k,)."""
+        return np.array([c.name for c in self.causes])
+
+    def size(self, cause: Cause) -> tuple[float, str]:
+        """Expected magnitude of a cause, and its unit."""
+        if (e := cause.effect or cause.alias) is not None:
+            return e.scale, e.unit
+        p = self.model.parameters[cause.parameter or 0]
+        return RELEASED * p.size, p.unit
+
+    @cached_property
+    def scales(self) -> Array:
+        """Expected magnitude of each hypothesis [its unit], (k,)."""
+        return np.array([self.size(c)[0] for c in self.causes])
+
+    @cached_property
+    def odds(self) -> Array:
+        """Prior odds that each hypothesis exists, shared by the shapes of a cause, (k,)."""
+        number = [h.cause for h in self.hypotheses]
+        shared = np.array([number.count(i) for i in number])
+        return np.asarray(np.exp([c.log_odds for c in self.causes]) / shared)
 
     @cached_property
     def weights(self) -> tuple[Array, float]:
         """Probability of each hypothesis, and that none is right."""
-        odds = np.array([h.odds for h in self.hypotheses])
+        odds, names = self.odds, list(self.names)
         if self.belief is None:
             return odds / (1.0 + odds.sum()), 1.0 / (1.0 + float(odds.sum()))
-        names = [h.name for h in self.hypotheses]
         own = np.array([self.belief.weights.get(n, 0.0) / names.count(n) for n in names])
         total = own.sum() + self.belief.none
         return (own / total, self.belief.none / total) if total > 0.0 else (own, 1.0)
@@ -265,10 +259,10 @@ class Study:
 
         If nothing seems to be missing, each cause may still exist below its detectable magnitude.
         """
-        prior = np.array([h.odds for h in self.hypotheses])
+        prior = self.odds / self.odds.sum()
         own, none = self.weights
         reserve = RESERVE + (1.0 - RESERVE) * none
-        out = (1.0 - reserve) * own / max(own.sum(), 1e-300) + reserve * prior / prior.sum()
+        out = (1.0 - reserve) * own / max(own.sum(), 1e-300) + reserve * prior
         return np.asarray(out / out.sum())
 
     def simulated(self, records: Sequence[Record]) -> list[dict[str, Array] | None]:
@@ -308,7 +302,7 @@ class Study:
         if varies(problem):
             one = np.ones(len(problem.channels))
             problem = with_variation(problem, Fitted(self.members, point(), (), one, 1.0))
-        further = tuple(h.member for h in self.hypotheses if h.member is not None)
+        further = tuple(h for h in self.hypotheses if self.problem.causes[h.cause].effect)
         linears = tuple(evaluate(problem, [Ask(self.members, point(), problem.fit, further)])[0])
         if any(linear.failed for linear in linears):
             raise InvalidParameter(f"record {record.name}: its simulation failed")
@@ -397,10 +391,11 @@ def study_rows(study: Study, columns: int) -> Array:
     rows, at = np.zeros((study.x.size + len(study.hypotheses), columns)), study.x.size
     rows[:at, :at] = np.eye(at)
     free, effect = list(study.problem.free), at
-    for k, h in enumerate(study.hypotheses, at):
-        if h.member is None:
-            place = free.index(h.parameter)
-            rows[k, place] = h.change / study.problem.unit[place]
+    for k, (c, scale) in enumerate(zip(study.causes, study.scales, strict=True), at):
+        if c.parameter is not None:
+            place = free.index(c.parameter)
+            ratio = c.alias.tolerance_ratio if c.alias else 1.0
+            rows[k, place] = scale * ratio / study.problem.unit[place]
         else:
             rows[k, effect] = 1.0
             effect += 1
@@ -442,11 +437,10 @@ class Knowledge:
         row = np.zeros(study.x.size + len(study.hypotheses))
         for k, i in enumerate(study.problem.free):
             row[k] = study.problem.unit[k] * (study.model.parameters[i].name == name)
-        for k, h in enumerate(study.hypotheses, study.x.size):
-            if h.effect is not None and h.effect.tolerance_parameter == name:
-                row[k] = h.scale * h.effect.tolerance_ratio
-            else:
-                row[k] = h.scale * (h.name == name)
+        for k, (c, scale) in enumerate(zip(study.causes, study.scales, strict=True)):
+            e = c.effect or c.alias
+            same = e is not None and e.tolerance_parameter == name
+            row[study.x.size + k] = scale * (e.tolerance_ratio if e and same else c.name == name)
         return np.outer(row, row) / sd**2
 
     @cached_property
@@ -490,7 +484,7 @@ class Knowledge:
             against = against - _against(self.before)
             occam = occam - np.log1p(np.diag(self.before))
             alone = alone - np.diag(self.before)
-        _, number = np.unique([h.name for h in study.hypotheses], return_inverse=True)
+        _, number = np.unique(study.names, return_inverse=True)
         same = number[:, None] == number[None, :]
         own = same @ weights
         total = np.zeros(number.size)
@@ -516,7 +510,7 @@ class Knowledge:
     def _fitted(self) -> Array:
         """Fitted magnitude of each hypothesis [scales], (k,); 0: it was not fitted."""
         known = {} if self.study.belief is None else self.study.belief.magnitudes
-        return np.array([known.get(h.name, 0.0) / h.scale for h in self.study.hypotheses])
+        return np.array([known.get(str(n), 0.0) for n in self.study.names]) / self.study.scales
 
     @property
     def expected(self) -> Array:
@@ -534,15 +528,14 @@ class Knowledge:
     def _smallest(self, gram: Array) -> Array:
         """Magnitude from which a cause is told rather than that nothing is missing [scales]."""
         own = np.diag(gram)
-        needed = TOLD - np.log([h.odds for h in self.study.hypotheses]) + 0.5 * np.log1p(own)
+        needed = TOLD - np.log(self.study.odds) + 0.5 * np.log1p(own)
         with np.errstate(divide="ignore"):
             return np.asarray(np.sqrt(2.0 * np.maximum(needed, 0.0) / own))
 
     @cached_property
     def smallest(self) -> Array:
         """Smallest detectable magnitude of each hypothesis [its unit], (k,); inf: none is."""
-        scales = np.array([h.scale for h in self.study.hypotheses])
-        return np.asarray(self._smallest(self.gram) * scales)
+        return np.asarray(self._smallest(self.gram) * self.study.scales)
 
     @property
     def detected(self) -> NDArray[np.bool_]:
@@ -558,18 +551,15 @@ class Knowledge:
         out = 1.0 / (
             1.0 + np.exp(np.minimum(self.expected[:, None] ** 2 * _against(self.gram), 700))
         )
-        names = [h.name for h in self.study.hypotheses]
-        out[np.array(names)[:, None] == np.array(names)[None, :]] = 0.0
+        out[self.study.names[:, None] == self.study.names[None, :]] = 0.0
         return np.asarray(out)
 
     def inseparable(self) -> tuple[tuple[str, ...], ...]:
         """Groups of detectable causes that a diagnosis could not tell apart."""
-        names, shown = [h.name for h in self.study.hypotheses], self.detected
+        names, shown = self.study.names, self.detected
         alike = (self.chance > 1.0 - OPTIONS.credibility) & np.outer(shown, shown)
         count, label = csgraph.connected_components(alike, directed=False)
-        groups = [
-            {n for n, own in zip(names, label, strict=True) if own == k} for k in range(count)
-        ]
+        groups = [{str(n) for n in names[label == k]} for k in range(count)]
         return tuple(sorted(tuple(sorted(g)) for g in groups if len(g) > 1))
 
     def spread(self) -> dict[str, float]:

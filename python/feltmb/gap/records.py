@@ -28,6 +28,7 @@ from feltmb.gap.problem import (
 from feltmb.units import same_unit, weight_hint
 
 __all__ = [
+    "as_parameter",
     "causes_of",
     "check_records",
     "noise_of_channel",
@@ -134,7 +135,7 @@ def prepare(
     _check_effects(ready.model, effects)
     fitted, held = split_records(ready.records, hold_out)
     problem = problem_of(ready.model, effects, fitted, held, options, ready.notes)
-    return replace(problem, causes=tuple(_as_parameter(ready.model, c) for c in problem.causes))
+    return replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
 
 
 def same_number(model: Model, effect: Effect) -> int | None:
@@ -156,7 +157,8 @@ def same_number(model: Model, effect: Effect) -> int | None:
     return None
 
 
-def _as_parameter(model: Model, cause: Cause) -> Cause:
+def as_parameter(model: Model, cause: Cause) -> Cause:
+    """The cause, as a parameter if it is an effect that changes one with a tolerance."""
     if cause.effect is None or (index := same_number(model, cause.effect)) is None:
         return cause
     return replace(cause, effect=None, parameter=index, alias=cause.effect)

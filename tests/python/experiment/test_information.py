@@ -38,7 +38,7 @@ def test_information_is_the_fisher_matrix():
     """J'J / sigma^2 in prior scales: slope, square, cube, and the slope outside its tolerance."""
     study = Study.of(line(sd=0.1), [replace(SQUARE, scale=2.0), CUBE])
     columns = np.column_stack([0.1 * U, 2.0 * U**2, U**3, RELEASED * 0.1 * U])
-    assert [h.name for h in study.hypotheses] == ["square", "cube", "slope"]
+    assert list(study.names) == ["square", "cube", "slope"]
     assert matrix_of(study, record()) == pytest.approx(columns.T @ columns / 0.05**2)
 
 
@@ -94,7 +94,7 @@ def test_named_causes_and_fitted_parameters_are_part_of_the_model():
     )
     study = Study.of(model, [SQUARE, CUBE], belief)
     assert study.x == pytest.approx([2.0, 0.7])
-    assert [h.name for h in study.hypotheses] == ["cube", "slope"]
+    assert list(study.names) == ["cube", "slope"]
     assert study.simulated([record()])[0]["y"] == pytest.approx(1.2 * U + 0.7 * U**2)
     columns = np.column_stack([0.1 * U, U**2, U**3, RELEASED * 0.1 * U])
     assert matrix_of(study, record()) == pytest.approx(columns.T @ columns / 0.05**2)
@@ -142,7 +142,7 @@ def test_a_test_of_a_part_is_one_more_measured_value():
     study = Study.of(line(sd=0.1), [SQUARE, steeper])
     start = Knowledge(study)
     # The slope is covered by the effect, so that it is no cause of its own.
-    assert [h.name for h in study.hypotheses] == ["square", "steeper"]
+    assert list(study.names) == ["square", "steeper"]
     row = np.array([0.1, 0.0, -1.0])
     assert start.test("slope", 0.2) == pytest.approx(np.outer(row, row) / 0.04)
     row = np.array([0.0, 1.0, 0.0])
@@ -268,7 +268,7 @@ def test_a_deviation_that_a_parameter_has_is_not_counted_twice():
     study = Study.of(model, [steeper, CUBE], belief)
     assert study.members == ()
     assert study.x == pytest.approx([(1.7 - model.parameters[0].value) / 0.1])
-    assert "steeper" not in [h.name for h in study.hypotheses]
+    assert "steeper" not in study.names
 
 
 def test_an_effect_of_a_parameter_with_a_tolerance_is_this_parameter():
@@ -278,6 +278,6 @@ def test_an_effect_of_a_parameter_with_a_tolerance_is_this_parameter():
     for name, same in (("slope", True), ("", False)):
         study = Study.of(model, [replace(bent, tolerance_parameter=name)])
         matrix = matrix_of(study, record())
-        at = [h.name for h in study.hypotheses].index("bent")
+        at = list(study.names).index("bent")
         slope = -10.0 * matrix[:, 0]
         assert np.allclose(matrix[:, 1 + at], slope, rtol=1e-9) is same
