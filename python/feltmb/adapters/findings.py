@@ -88,9 +88,9 @@ def action_of_findings(
     paths = dict.fromkeys(c.path for e, _, _ in numbers for c in e.changes)
     paths |= dict.fromkeys(e.shape.path for e, _, s in numbers if e.shape and s is not None)
     for path in paths:
-        before, after = read_entry(old, path), read_entry(new, path)
-        if before != after:
-            _put(raw, path, float(before), float(after), provenance)
+        after = read_entry(new, path)
+        if after != read_entry(old, path):
+            _put(raw, old, path, float(after), provenance)
     inserted = changed_config(new, [(e, m, s) for e, m, s in used if e.insert])
     if inserted is not new:
         _put_parts(raw, new, inserted)
@@ -111,17 +111,22 @@ def _about(action: Action, used: Chosen, provenance: str, besides: Sequence[str]
     return about
 
 
-def _put(raw: dict[str, Any], path: str, before: float, after: float, provenance: str) -> None:
+def _put(
+    raw: dict[str, Any], config: MechanismFile, path: str, after: float, provenance: str
+) -> None:
     """Replace a number of the file, in its unit there; its note tells what it was.
 
-    ``before`` and ``after`` are in SI units. The components of a point share one note, and so do
+    ``config`` and ``after`` are in SI units. The components of a point share one note, and so do
     the coefficients of a curve.
     """
     *tables, last = expand_path(raw, path)[0]
+    before = float(read_entry(config, path))
     above: Any = None
     node: Any = raw
     for name in tables:
         above, node = node, node.setdefault(name, {})  # a missing entry has its default
+    if not node and component(last) >= 0:  # so has a missing point
+        node = list(read_entry(config, ".".join(tables)))
     if isinstance(node, list):
         node = above[tables[-1]] = {"value": node}
     shares = is_quantity(node) or isinstance(node.get("unit"), list)

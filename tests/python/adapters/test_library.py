@@ -9,6 +9,7 @@ import feltmb
 from feltmb.action.touch import static_touch
 from feltmb.adapters import action_with_effects, load_library, mechanism_model, planned_strokes
 from feltmb.adapters.changes import Change, Values, applied
+from feltmb.adapters.findings import action_of_findings
 from feltmb.adapters.model import resolve
 from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
@@ -318,11 +319,7 @@ def test_inertia_is_not_seen_by_a_static_test_but_by_a_stroke():
     assert plain[halfway] < heavier[halfway] - 1e-4 < -1e-3
 
 
-def test_a_mechanism_without_friction_gets_candidates_of_friction(tmp_path):
-    """Their magnitudes follow from the weight on each joint."""
-    path = tmp_path / "cart.toml"
-    path.write_text(
-        """
+CART = """
 schema = 1
 name = "cart"
 [bodies.cart]
@@ -349,11 +346,42 @@ direction = [1.0, 0.0]
 body = "cart"
 point = [0.0, 0.0]
 """
-    )
-    action = feltmb.load_action(path)
+
+
+@pytest.fixture
+def cart(tmp_path):
+    (tmp_path / "cart.toml").write_text(CART)
+    return feltmb.load_action(tmp_path / "cart.toml")
+
+
+def test_a_mechanism_without_friction_gets_candidates_of_friction(cart):
+    """Their magnitudes follow from the weight on each joint."""
+    action = cart
     found = {e.name: e for e in load_library(action).effects}
     assert found["coulomb_friction.cart"].magnitude == pytest.approx(0.5 * 0.02 * 9.81)
     assert found["coulomb_friction.rod"].magnitude == pytest.approx(0.5 * 0.02 * 0.2 * 9.81 * 0.15)
     assert "felt_humidity" not in found
     rubbing = action_with_effects(action, [(found["coulomb_friction.cart"], 0.3, None)])
     assert rubbing.config.bodies["cart"].friction.amplitude == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "value", "note"),
+    [
+        ("gravity_misalignment", 0.02, [0.1962, -9.81], "x before 0"),  # the file has no gravity
+        ("pivot_position_y.rod", 1e-3, [0.0, 1e-3], "y before 0"),
+        ("center_of_mass_y.rod", 3e-3, [0, -147], "y before -150 mm"),
+        ("inertia.rod", 0.1, 1650, "before 1500 kg mm^2"),
+    ],
+)
+def test_a_changed_number_is_written_in_its_unit_with_what_it_was(cart, name, size, value, note):
+    chosen = [(load_library(cart).effect(name), size, None)]
+    path = chosen[0][0].changes[0].path
+    found = action_of_findings(cart, chosen, provenance="fit")
+    wanted = read_entry(action_with_effects(cart, chosen).config, path)
+    assert read_entry(found.config, path) == pytest.approx(wanted, rel=1e-11)
+    node = found.raw
+    for key in path.removesuffix(".x").removesuffix(".y").split("."):
+        node = node[key]
+    assert node["value"] == pytest.approx(value)
+    assert (node["source"], node["status"], node["note"]) == ("fit", "fitted", note)
