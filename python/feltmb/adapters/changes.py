@@ -292,13 +292,8 @@ def insert(config: MechanismFile, insertion: Insertion, magnitude: float) -> Mec
         )
     if insertion.body not in config.bodies:
         raise InvalidParameter(f"{insertion.kind}: body {insertion.body!r} is missing")
-    if insertion.kind == "mass":
-        return _added_mass(config, insertion, magnitude)
-    if insertion.kind == "hinge":
-        return _hinged(config, insertion, magnitude)
-    if insertion.kind == "bending":
-        return _bending(config, insertion, magnitude)
-    return _loose_pivot(config, insertion, magnitude)
+    kinds = {"mass": _added_mass, "hinge": _hinged, "bending": _bending}
+    return kinds.get(insertion.kind, _loose_pivot)(config, insertion, magnitude)
 
 
 def _bending(config: MechanismFile, insertion: Insertion, magnitude: float) -> MechanismFile:

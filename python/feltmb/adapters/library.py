@@ -243,14 +243,10 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         tolerances=tuple(tolerances),
         effects=tuple(effects),
         channels={k: tuple(v) for k, v in outputs.items()},
-        default_channels=tuple(file.defaults.channels) or tuple(_all_points(config)),
+        default_channels=tuple(file.defaults.channels)
+        or tuple(f"{name}.{axis}" for name in config.points for axis in "xy"),
         until=until,
     )
-
-
-def _all_points(config: MechanismFile) -> Iterator[str]:
-    for name in config.points:
-        yield from (f"{name}.x", f"{name}.y")
 
 
 def _slides(config: MechanismFile, body: Body) -> bool:

@@ -170,18 +170,14 @@ class MechanismModel(Model):
             replace(p, process_sd=variation or 0.0) if varies(p) else p
             for p in self.simulator.parameters
         )
-        self.until = library.until
-        if until is not None and math.isfinite(until) and library.until is None:
-            raise InvalidParameter(
-                f"until: the library {library.name} does not specify the reversal of a stroke "
-                "(defaults.until); the whole record is used"
-            )
-        if until is not None and library.until is not None:
-            self.until = (
-                None
-                if math.isinf(until)
-                else library.until.model_copy(update={"after_turn": until})
-            )
+        self.until = None if until == math.inf else library.until
+        if until is not None and until < math.inf:
+            if library.until is None:
+                raise InvalidParameter(
+                    f"until: the library {library.name} does not specify the reversal of a stroke "
+                    "(defaults.until); the whole record is used"
+                )
+            self.until = library.until.model_copy(update={"after_turn": until})
         self.carried: frozenset[int] = frozenset()
         """Motions whose noise was carried into the force of their records by :meth:`ready`."""
 
@@ -237,20 +233,18 @@ class MechanismModel(Model):
             record, said = self._referred(record)
             notes += said
             record = with_noise(record, notes)
-            if self.until is None:
-                cut.append(with_error(record, None))
-                continue
             turn = self._turn(record)
-            last = record.time[-1] if turn is None else turn + self.until.after_turn
-            kept = int(np.searchsorted(record.time, last + 1e-9, side="right"))
-            if 2 <= kept < record.samples:
-                notes.append(
-                    f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
-                    f"{self.until.after_turn:g} s after the reversal of {self.until.output}: later "
-                    "samples are chaotic and are excluded (--set until=end, in Python "
-                    "until=math.inf, uses them)"
-                )
-                record = record.cut(0, kept)
+            if turn is not None and self.until is not None:
+                last = turn + self.until.after_turn
+                kept = int(np.searchsorted(record.time, last + 1e-9, side="right"))
+                if 2 <= kept < record.samples:
+                    notes.append(
+                        f"{record.name}: samples after {record.time[kept - 1]:.4g} s are not used, "
+                        f"{self.until.after_turn:g} s after the reversal of {self.until.output}: "
+                        "later samples are chaotic and are excluded (--set until=end, in Python "
+                        "until=math.inf, uses them)"
+                    )
+                    record = record.cut(0, kept)
             cut.append(with_error(record, turn))
         far = unreached(self.simulator, cut)
         notes += [far] * bool(far)
@@ -266,8 +260,12 @@ class MechanismModel(Model):
         return from_rest(record, at, self.name)
 
     def _turn(self, record: Record) -> float | None:
-        """Time at which the stroke of a record reverses [s]: measured, or else simulated."""
-        assert self.until is not None
+        """Time at which the stroke of a record reverses [s]: measured, or else simulated.
+
+        None: it does not reverse, or the whole record is used.
+        """
+        if self.until is None:
+            return None
         name = self.until.output
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
             return first_turn(record.time, record.outputs[name])

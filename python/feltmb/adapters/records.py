@@ -233,7 +233,7 @@ def _squared_errors(
     clean = replace(record, input_sigma={**record.input_sigma, "displacement": 0.0})
 
     def outputs(displacement: Array) -> Array | None:
-        return simulator.as_tabulated(clean.with_inputs({"displacement": displacement}))
+        return simulator.whole(clean.with_inputs({"displacement": displacement}), simulator.base)
 
     smoothed = simulator.drives.of(record).value
     base, squares, speeds = outputs(smoothed), [], []

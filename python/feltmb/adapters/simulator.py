@@ -386,10 +386,6 @@ class MechanismSimulator:
         place = (record.excitation, key_of(record, theta, included, magnitudes))
         return self._motions.get(place, make)
 
-    def as_tabulated(self, record: Record) -> Array | None:
-        """Outputs of the tabulated mechanism over a whole record, (n, ny); None if it failed."""
-        return self.whole(record, self.base)
-
     def whole(self, record: Record, variant: Variant) -> Array | None:
         """Outputs of one version over the whole record, (n, ny); None if it failed."""
         run = self.run(record, variant)

@@ -338,7 +338,7 @@ def test_a_measured_force_drives_a_record_of_a_motion(driven, incomplete):
     assert note.startswith("piano: finger.force")
     assert set(kept.outputs) == {"finger.displacement", "hammer_tip.x"}
     # The tabulated model, which is the machine, explains the motion within the noise of the force.
-    base = own.simulator.as_tabulated(kept)
+    base = own.simulator.whole(kept, own.simulator.base)
     at_finger = own.outputs.index("finger.displacement")
     left = (kept.outputs["finger.displacement"] - base[:, at_finger]) / 5e-6
     problem = with_variation(prepare(ready_records(own, [kept]), (), (), Options()))
@@ -454,7 +454,7 @@ def test_the_noise_of_a_motion_is_carried_into_its_force(incomplete):
     assert not used[kept.time > turn].any()
     assert 0.2 < np.mean(used[kept.time <= turn]) < 0.9
     # The error that the tabulated mechanism really has with this motion.
-    simulated = own.simulator.as_tabulated(kept)[:, own.outputs.index("finger.force")]
+    simulated = own.simulator.whole(kept, own.simulator.base)[:, own.outputs.index("finger.force")]
     error = np.sqrt(np.mean((simulated - force[: kept.samples])[used] ** 2))
     sigma = kept.sensors["finger.force"].sigma
     assert error > 5e-3

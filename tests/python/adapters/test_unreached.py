@@ -32,7 +32,7 @@ def pressed(model, record, force):
         name=f"soft {record.name}",
         inputs={"force": np.minimum(record.inputs["force"], force)},
     )
-    motion = model.simulator.as_tabulated(soft)
+    motion = model.simulator.whole(soft, model.simulator.base)
     outputs = {n: motion[:, i] for i, n in enumerate(model.outputs) if n in record.outputs}
     sensors = {n: record.sensors[n] for n in outputs}
     return replace(soft, outputs=outputs, sensors=sensors)
