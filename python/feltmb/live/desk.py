@@ -8,6 +8,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
+from dataclasses import replace
 from typing import Any, Literal
 
 from feltmb.action.regulate import regulate
@@ -18,7 +19,7 @@ from feltmb.action.touch import distances, static_touch
 from feltmb.action.touch.strikes import simulate_strike
 from feltmb.live.knobs import Bench
 from feltmb.live.pictures import SAMPLES, describe_live
-from feltmb.live.states import Asked, Turned, fault_of
+from feltmb.live.states import LONGEST, Asked, Turned, fault_of
 from feltmb.mechanism import Action
 from feltmb.run.quasistatic import simulated_press
 from feltmb.run.results import Run
@@ -159,6 +160,15 @@ class Desk:
         self._left = future
         raise Stopped
 
+    async def _found(self, work: Callable[[], dict[str, Any]], *, leave: bool = False) -> Any:
+        """Result of work in a thread, or its fault."""
+        try:
+            return await self._run(work, leave=leave)
+        except Stopped:
+            raise
+        except Exception as error:
+            return {"fault": fault_of(error)}
+
     @contextlib.contextmanager
     def _faults_told(self, slot: str, asked: Asked) -> Iterator[None]:
         try:
@@ -191,12 +201,13 @@ class Desk:
 
         def work() -> tuple[dict[str, Any], dict[str, float | str]]:
             begin = time.perf_counter()
-            action = asked.turned.action(bench)
-            run = simulated(action, asked.playing.stroke(), quick, stop)
+            action, stroke = asked.turned.action(bench), asked.playing.stroke()
+            run = simulated(action, stroke, quick, stop, asked.until)
             if stop():
                 raise Stopped
             simulation = time.perf_counter() - begin
             picture = describe_live(run, action, asked.shown, quality)
+            picture["last"] = 1e3 * stroke.duration
             picture["milliseconds"] = [
                 round(1e3 * simulation, 1),
                 round(1e3 * (time.perf_counter() - begin - simulation), 1),
@@ -235,17 +246,9 @@ class Desk:
             if self._extra.get((slot, kind)) is asked:
                 continue
             check()
-            make = kinds[kind]
-
-            def work(make: Callable[[Action], dict[str, Any]] = make) -> dict[str, Any]:
-                return make(asked.turned.action(bench))
-
-            try:
-                found = await self._run(work, leave=True)
-            except Stopped:
-                raise
-            except Exception as error:
-                found = {"fault": fault_of(error)}
+            found = await self._found(
+                lambda make=kinds[kind]: make(asked.turned.action(bench)), leave=True
+            )
             self._extra[slot, kind] = asked
             self._tell(f"{kind} {slot}", {"on": kind, "slot": slot, "id": asked.id, **found})
 
@@ -258,20 +261,14 @@ class Desk:
                 raise Stopped
             loop.call_soon_threadsafe(self._tell, "progress", {"on": "progress", "text": text})
 
-        def work() -> dict[str, Any]:
-            return regulated(bench, turned, say)
-
-        try:
-            found = await self._run(work)
-        except Stopped:
-            raise
-        except Exception as error:
-            found = {"fault": fault_of(error)}
+        found = await self._found(lambda: regulated(bench, turned, say))
         self._tell("regulated", {"on": "regulated", **found})
 
 
-def simulated(action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bool]) -> Run:
-    """Run of a stroke; in full quality it is identical to ``feltmb stroke``.
+def simulated(
+    action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bool], until: float = LONGEST
+) -> Run:
+    """Run of a stroke, quick to ``until`` [s]; in full quality it is that of ``feltmb stroke``.
 
     Raises
     ------
@@ -282,6 +279,7 @@ def simulated(action: Action, stroke: Stroke, quick: bool, stop: Callable[[], bo
     if quick:
         rate = min(max((SAMPLES["quick"] - 2) / stroke.duration, QUICK_RATES[0]), QUICK_RATES[1])
         options = {"ledger": False, "output_rate": rate}
+        stroke = replace(stroke, duration=min(stroke.duration, until))
     try:
         return simulate(
             action, stroke, max_wall=MOST_WALL, progress=lambda _t: not stop(), **options

@@ -24,7 +24,7 @@ from feltmb.run.stroke import (
 )
 from feltmb.units.quantity import shortened
 
-__all__ = ["Asked", "Playing", "Turned", "fault_of"]
+__all__ = ["LONGEST", "Asked", "Playing", "Turned", "fault_of"]
 
 _LOG = logging.getLogger(__name__)
 
@@ -169,6 +169,8 @@ class Asked(_Table):
     minus: Turned | None = None
     """Mechanism whose sound is subtracted from the sound of ``turned``."""
     playing: Playing = Playing()
+    until: Annotated[float, Field(ge=1e-3, allow_inf_nan=False)] = LONGEST
+    """End of the pictures during changes [s]; the complete run follows."""
     shown: Annotated[list[str], Field(max_length=MOST_SHOWN)] = []
     """Outputs whose curves are shown."""
     extras: Annotated[list[Literal["targets", "touch", "speeds"]], Field(max_length=3)] = []

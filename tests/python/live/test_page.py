@@ -100,6 +100,23 @@ def test_while_turning_nothing_is_built_anew(opened):
     assert len(set(peaks)) == 4
 
 
+def test_while_turning_a_picture_ends_where_motion_and_view_end(opened):
+    opened.run(
+        "window.ends = []; const pictured = feltmbLive.pictured;"
+        "feltmbLive.pictured = function (m) { pictured.call(this, m);"
+        "const {time} = this.viewer.runs[0].curves.get('hammer_tip.x');"
+        "ends.push(time[time.length - 1] / this.got.a.last); }; 1"
+    )
+    end = opened.run("feltmbLive.got.a.busy[1] / feltmbLive.got.a.last")
+    for view, share in (("busy", end), ("all", 1.0)):
+        opened.run(f"feltmbLive.viewer.look('{view}'); ends = []; 1")
+        opened.run("feltmbLive.change('t', n => { n.knobs['felt.06'] = Math.random(); }); 1")
+        settled(opened)
+        until(opened, READY)
+        assert opened.run("ends") == pytest.approx([share, 1.0], abs=1e-6)
+    assert end < 0.5
+
+
 def test_a_contact_loop_follows_in_the_chart_that_is_there(opened):
     opened.run("feltmbLive.tab = 'loops'; feltmbLive.loop = 6; feltmbLive.fillTab(); 1")
     until(opened, "document.querySelectorAll('#more .uplot').length === 1")

@@ -88,9 +88,13 @@ def test_the_numbers_are_those_of_a_stroke(live, client):
 
 def test_a_picture_while_turning_tells_the_same_within_the_tolerance(live, client):
     with client(live) as page:
-        quick = page.run(1, "quick", turned=TURNED)["run"]["summary"]
-        full = page.run(2, turned=TURNED)["run"]["summary"]
-    assert quick["impact_speed"] == pytest.approx(full["impact_speed"], rel=1e-3)
+        quick = page.run(1, "quick", turned=TURNED, until=0.2)["run"]
+        full = page.run(2, turned=TURNED, until=0.2)["run"]
+    assert quick["summary"]["impact_speed"] == pytest.approx(
+        full["summary"]["impact_speed"], rel=1e-3
+    )
+    assert quick["last"] == full["last"] == pytest.approx(400.0)
+    assert [name for _, name in quick["events"]] == [name for _, name in full["events"]]
 
 
 @pytest.mark.parametrize(("duration", "samples"), [(0.1, 501), (0.4, 899), (1.0, 2001)])

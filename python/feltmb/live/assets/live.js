@@ -176,8 +176,15 @@ class Live {
 
   request(slot) {
     const turned = slot === "b" ? this.state.now.b : this.turned();
-    return {do: "simulate", slot, id: ++this.id, turned, playing: this.state.now.playing,
+    return {do: "simulate", slot, id: ++this.id, turned, playing: this.state.now.playing, until: this.until(),
       shown: this.shown, extras: this.extras().filter(e => slot === "a" || e !== "targets")};
+  }
+
+  // While something is turned, pictures end where the motion of the last whole run and the view have ended.
+  until() {
+    const {viewer, rest, state} = this;
+    if (!rest || rest.played !== JSON.stringify(state.now.playing)) return undefined;
+    return 1e-3 * Math.max(rest.end, ...viewer.runs.map(r => r.time(viewer.window[1])));
   }
 
   // Something changed: simulate anew, as soon as the picture under way is here.
@@ -221,6 +228,7 @@ class Live {
     if (first) this.open();
     else this.viewer.replace(this.both(), {look: kind !== this.played});
     this.played = kind;
+    if (m.slot === "a" && m.run.quality === "full" && !this.flying) this.rest = {played: kind, end: m.run.busy[1]};
     const since = m.slot === "a" && m.run.quality === "quick" ? this.answered(m.id) : [];
     if (since.length) {
       requestAnimationFrame(() => {
