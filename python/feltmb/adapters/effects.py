@@ -22,9 +22,6 @@ from feltmb.fit.observe import shifted
 
 __all__ = ["columns_of", "effect_of", "excite_by", "observe_by", "parameter_of", "partners"]
 
-#: Suffixes of the names of coordinates.
-AXES = (".x", ".y")
-
 
 @checked
 def effect_of(
@@ -88,18 +85,19 @@ def columns_of(
     return [i for i, name in enumerate(outputs) if name in named]
 
 
+def _other_axis(name: str) -> str:
+    """The other coordinate of a tracking point; "" for other outputs."""
+    point, _, axis = name.rpartition(".")
+    return {"x": f"{point}.y", "y": f"{point}.x"}.get(axis, "")
+
+
 def partners(
     signals: Sequence[SensorError], outputs: Sequence[str], channels: Mapping[str, Sequence[str]]
 ) -> tuple[str, ...]:
     """Outputs that are not recorded but which a rotated camera mixes into recorded ones."""
-    out: list[str] = []
-    for signal in signals:
-        if signal.kind != "tilt":
-            continue
-        seen = [outputs[i] for i in columns_of(signal, outputs, channels)]
-        other = [f"{n[:-1]}{'y' if n.endswith('.x') else 'x'}" for n in seen if n[-2:] in AXES]
-        out += [n for n in other if n not in outputs]
-    return tuple(dict.fromkeys(out))
+    tilts = [signal for signal in signals if signal.kind == "tilt"]
+    seen = [outputs[i] for signal in tilts for i in columns_of(signal, outputs, channels)]
+    return tuple(dict.fromkeys(o for o in map(_other_axis, seen) if o and o not in outputs))
 
 
 def observe_by(
@@ -107,30 +105,24 @@ def observe_by(
 ) -> Callable[..., Array]:
     """Make the ``observe`` callable of a sensor effect."""
     columns = columns_of(signal, outputs, channels)
-    pairs = []
-    for i in columns:
-        point, _, axis = outputs[i].rpartition(".")
-        other = f"{point}.{'y' if axis == 'x' else 'x'}"
-        pairs.append((i, outputs.index(other) if other in outputs else -1, axis))
+    others = [_other_axis(outputs[i]) for i in columns]
 
     def observe(record: Record, y: Array, magnitudes: Array, shape: object = None) -> Array:
         del shape
-        out = y.copy()
-        if signal.kind == "delay":
-            for i in columns:
-                out[:, :, i] = shifted(record, y[:, :, i], magnitudes)
-            return out
-        for b in np.flatnonzero(magnitudes):
-            if signal.kind == "gain":
-                out[b, :, columns] *= 1.0 + magnitudes[b]
+        out, rows = y.copy(), np.flatnonzero(magnitudes)
+        size = magnitudes[rows, None]
+        for i, other in zip(columns, others, strict=True):
+            seen = y[rows, :, i]
+            if signal.kind == "delay":
+                out[rows, :, i] = shifted(record, seen, magnitudes[rows])
+            elif signal.kind == "gain":
+                out[rows, :, i] = seen * (1.0 + size)
             elif signal.kind == "offset":
-                out[b, :, columns] += magnitudes[b]
-            else:
-                for i, other, axis in pairs:
-                    if other < 0:
-                        continue
-                    turn = magnitudes[b] if axis == "x" else -magnitudes[b]
-                    out[b, :, i] = np.cos(turn) * y[b, :, i] + np.sin(turn) * y[b, :, other]
+                out[rows, :, i] = seen + size
+            elif other in outputs:
+                turn = size if outputs[i].endswith(".x") else -size
+                beside = y[rows, :, outputs.index(other)]
+                out[rows, :, i] = np.cos(turn) * seen + np.sin(turn) * beside
         return out
 
     return observe
