@@ -450,9 +450,11 @@ def same_values(
         return None
     ours = _slopes(config, effect)
     for tolerance in filter(_plain, tolerances):
+        if {c.path for c in tolerance.changes} != ours.keys():
+            continue
         theirs = _slopes(config, tolerance)
-        moved = [p for p in ours if ours[p] != 0.0 or theirs.get(p)]
-        if ours.keys() != theirs.keys() or not moved or any(theirs[p] == 0.0 for p in moved):
+        moved = [p for p in ours if ours[p] != 0.0 or theirs[p] != 0.0]
+        if not moved or any(theirs[p] == 0.0 for p in moved):
             continue
         ratios = [ours[p] / theirs[p] for p in moved]
         if max(ratios) - min(ratios) <= SAME * max(abs(r) for r in ratios) and ratios[0] != 0.0:
