@@ -29,7 +29,6 @@ from feltmb.experiment.information import (
     Information,
     Knowledge,
     Study,
-    expected_sensor,
 )
 from feltmb.experiment.limits import check_limits
 from feltmb.experiment.profiles import FAMILIES, Profile
@@ -335,8 +334,11 @@ class _Work:
         mode: Any = modes.get(name, "force")
         others = model.input_modes.get(mode) or model.inputs or tuple(limits.inputs)
         start = {n: limits.inputs[n].start if n in limits.inputs else 0.0 for n in others}
-        every = {n: Sensor(name=n, unit=model.units.get(n, "1")) for n in limits.further}
-        sensors = every | dict(self.sensors)
+        further = {
+            n: Sensor(name=n, unit=model.units.get(n, "1"), sigma=sigma)
+            for n, sigma in limits.further.items()
+        }
+        sensors = further | dict(self.sensors)
         return Record(
             name="planned",
             time=time,
@@ -346,21 +348,6 @@ class _Work:
             input_mode=mode,
             input_sigma={n: s for n, s in limits.input_sigma.items() if n in start or n == name},
         )
-
-    def simulated(self, records: Sequence[Record]) -> list[Record | None]:
-        """Records with the outputs that the model predicts; None: the simulation failed."""
-        out: list[Record | None] = []
-        for r, found in zip(records, self.study.simulated(records), strict=True):
-            if found is None:
-                out.append(None)
-                continue
-            sensors = {n: expected_sensor(s, found[n]) for n, s in r.sensors.items()}
-            for n, sigma in self.limits.further.items():
-                if n not in self.sensors:
-                    sensors[n] = replace(sensors[n], sigma=sigma)
-            out.append(replace(r, outputs=found, sensors=sensors))
-        self.failed += out.count(None)
-        return out
 
     def options(self, families: Sequence[str], count: int) -> list[_Option]:
         """Profiles with the most different motions, with their information."""
@@ -381,7 +368,8 @@ class _Work:
             profile = FAMILIES[family].make(knobs, self.limits.inputs[name], self.limits)
             if profile is not None:
                 made.append((name, knobs, profile, self.record(name, profile)))
-        records = self.simulated([record for *_, record in made])
+        records = self.study.simulated([record for *_, record in made])
+        self.failed += records.count(None)
         able = [(m[:3], r) for m, r in zip(made, records, strict=True) if r is not None]
         out = []
         for done, i in enumerate(kept := _farthest([r for _, r in able], count)):

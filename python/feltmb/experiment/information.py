@@ -265,8 +265,8 @@ class Study:
         out = (1.0 - reserve) * own / max(own.sum(), 1e-300) + reserve * prior
         return np.asarray(out / out.sum())
 
-    def simulated(self, records: Sequence[Record]) -> list[dict[str, Array] | None]:
-        """Outputs of planned records by name; None: the simulation failed."""
+    def simulated(self, records: Sequence[Record]) -> list[Record | None]:
+        """Planned records with the outputs that are expected; None: the simulation failed."""
         included = shapes_of(self.problem, self.members, self.x)
         start = np.array([s.start for s in self.model.states(machine_candidates(included))])
         theta = theta_at(self.problem, self.x)
@@ -274,12 +274,15 @@ class Study:
         jobs = Jobs(
             theta=theta[None], starts=start[None], included=included, magnitudes=sizes[None]
         )
-        out: list[dict[str, Array] | None] = []
+        out: list[Record | None] = []
         runs = observe_all(self.model, [(r, jobs) for r in records])
         for r, run in zip(records, runs, strict=True):
             values = {n: run[0][:, self.model.outputs.index(n)] for n in r.outputs}
-            good = all(np.isfinite(v).all() for v in values.values())
-            out.append(values if good else None)
+            if not all(np.isfinite(v).all() for v in values.values()):
+                out.append(None)
+                continue
+            sensors = {n: expected_sensor(s, values[n]) for n, s in r.sensors.items()}
+            out.append(replace(r, outputs=values, sensors=sensors))
         return out
 
     def linearized(self, record: Record) -> Information:

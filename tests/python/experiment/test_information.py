@@ -95,7 +95,7 @@ def test_named_causes_and_fitted_parameters_are_part_of_the_model():
     study = Study.of(model, [SQUARE, CUBE], belief)
     assert study.x == pytest.approx([2.0, 0.7])
     assert list(study.names) == ["cube", "slope"]
-    assert study.simulated([record()])[0]["y"] == pytest.approx(1.2 * U + 0.7 * U**2)
+    assert study.simulated([record()])[0].outputs["y"] == pytest.approx(1.2 * U + 0.7 * U**2)
     columns = np.column_stack([0.1 * U, U**2, U**3, RELEASED * 0.1 * U])
     assert matrix_of(study, record()) == pytest.approx(columns.T @ columns / 0.05**2)
 
