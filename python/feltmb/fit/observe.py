@@ -24,6 +24,7 @@ from feltmb.fit.model import (
 )
 
 __all__ = [
+    "continued",
     "delayed",
     "low_passed",
     "machine_candidates",
@@ -422,7 +423,7 @@ def shifted(record: Record, y: Array, delays: Array) -> Array:
         if record.even and n <= MATRIX:
             out[rows] = out[rows] @ _matrix(n, interval, float(delay)).T
         else:
-            out[rows] = _continued(time, out[rows, :, None], time - delay)[:, :, 0]
+            out[rows] = continued(time, out[rows, :, None], time - delay)[:, :, 0]
     return out
 
 
@@ -445,7 +446,7 @@ def delayed(record: Record, y: Array, delay: float) -> Array:
     if delay == 0.0 or not good.any():
         return y
     time = _times(record, len(y))
-    out[:, good] = _continued(time, out[None, :, good], time - delay)[0]
+    out[:, good] = continued(time, out[None, :, good], time - delay)[0]
     return out.reshape(y.shape)
 
 
@@ -458,13 +459,13 @@ def _times(record: Record, count: int) -> Array:
 def _matrix(count: int, interval: float, delay: float) -> Array:
     """Matrix from the samples to the delayed samples."""
     time: Array = np.asarray(np.arange(count) * interval)
-    out: Array = _continued(time, np.eye(count)[None], time - delay)[0]
+    out: Array = continued(time, np.eye(count)[None], time - delay)[0]
     out.setflags(write=False)
     return out
 
 
-def _continued(time: Array, values: Array, want: Array) -> Array:
-    """Interpolated or extrapolated values (B, n, k) at other times."""
+def continued(time: Array, values: Array, want: Array) -> Array:
+    """Interpolated or extrapolated values (B, n, k) at other times; see :func:`shifted`."""
     if time.size < 2:
         return np.repeat(values, want.size, axis=1)
     from scipy.interpolate import CubicSpline

@@ -9,7 +9,7 @@ import numpy as np
 
 from feltmb.data import Array, Record
 from feltmb.fit import Effect
-from feltmb.fit.observe import low_passed, shifted
+from feltmb.fit.observe import continued, low_passed, shifted
 
 
 def curve(values: Array, shape: str) -> Array:
@@ -184,17 +184,12 @@ def clock_rate() -> Effect:
     """
 
     def observe(record: Record, values: Array, magnitudes: Array, shape: Any) -> Array:
-        from scipy.interpolate import CubicSpline
-
         del shape
         out, time = values.copy(), record.time[: values.shape[1]]
         good = np.isfinite(values).all(axis=(1, 2)) & (magnitudes != 0.0)
         for size in np.unique(magnitudes[good]):
             rows = good & (magnitudes == size)
-            path = CubicSpline(time, values[rows], axis=1)
-            at = time + size * (time - time[0])
-            inside = np.clip(at, time[0], time[-1])
-            out[rows] = path(inside) + (at - inside)[:, None] * path(inside, 1)
+            out[rows] = continued(time, values[rows], time + size * (time - time[0]))
         return out
 
     return Effect(
