@@ -252,7 +252,7 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     return square * precision(square, 1.0 / (share * samples)) / samples
 
 
-def precision(square: Array, random: Array) -> Array:
+def precision(square: Array, random: Array, worth: float = DISCREPANCY) -> Array:
     """Inverse variance of an estimate by a noise and a discrepancy together, by channel, (m,).
 
     Parameters
@@ -262,10 +262,12 @@ def precision(square: Array, random: Array) -> Array:
         All channels, which share one discrepancy.
     random
         Inverse number of independent samples.
+    worth
+        Number of samples as which the discrepancy counts.
     """
     discrepancy = np.maximum(square - 1.0 - 2.0 * np.sqrt(2.0 * random), 0.0)
     sharing = discrepancy.sum() ** 2 / max(float(np.sum(discrepancy**2)), 1e-300)
-    return np.asarray(1.0 / (random + sharing * discrepancy / DISCREPANCY))
+    return np.asarray(1.0 / (random + sharing * discrepancy / worth))
 
 
 def log_odds(problem: Problem, one: Fitted, other: Fitted) -> float:

@@ -10,7 +10,7 @@ import numpy as np
 
 from feltmb.data import Array
 from feltmb.data.smoothing import noise_of_record
-from feltmb.gap.evidence import Fitted, prior_of, system, weights
+from feltmb.gap.evidence import Fitted, precision, prior_of, system
 from feltmb.gap.fit import empty_point
 from feltmb.gap.held_out import Predicted, compare, predict
 from feltmb.gap.linear import (
@@ -265,12 +265,10 @@ def _representative(
     sets: Sequence[Fitted], told: Sequence[int], classes: Sequence[Sequence[int]]
 ) -> Fitted:
     """The most probable set that agrees with what is told."""
-    wanted = [set(told)] if told else []
     for s in sets:
         own = set(s.causes)
-        if wanted and not wanted[0] <= own:
-            continue
-        if all(own & set(group) for group in classes) and (told or classes or not own):
+        agrees = set(told) <= own and all(own & set(group) for group in classes)
+        if agrees and (told or classes or not own):
             return s
     return sets[0]
 
@@ -285,18 +283,18 @@ def _index(problem: Problem, fitted: Fitted, cause: int) -> int:
 
 
 def _covariance(problem: Problem, fitted: Fitted) -> Array:
-    """Covariance of the global unknowns of a set, in their scales."""
-    own = system(
-        problem,
-        problem.fit,
-        fitted.members,
-        fitted.point,
-        fitted.linears,
-        fitted.noise,
-        weights(problem, fitted, fitted),
-    )
-    weight = prior_of(problem, fitted.members).weights(fitted.point.x)
-    return np.asarray(np.linalg.inv(own.matrix + np.diag(weight)))
+    """Covariance of the global unknowns of a set, in their scales.
+
+    What an estimate has taken up of a discrepancy is not seen. It may be as large as what is left,
+    so that the discrepancy counts as one sample.
+    """
+    samples = np.maximum(problem.samples, 1.0)
+    left = np.maximum(fitted.noise / np.maximum(_white(problem, fitted), 1.0), 1.0) ** 2
+    weight = left * precision(left, 1.0 / (fitted.effective * samples), worth=1.0) / samples
+    point, linears = fitted.point, fitted.linears
+    own = system(problem, problem.fit, fitted.members, point, linears, fitted.noise, weight)
+    prior = prior_of(problem, fitted.members).weights(point.x)
+    return np.asarray(np.linalg.inv(own.matrix + np.diag(prior)))
 
 
 def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
@@ -440,17 +438,17 @@ def _rms(problem: Problem, fitted: Fitted) -> Array:
     return rms_of(problem.fit, (x.residual for x in fitted.linears))
 
 
-def _white(problem: Problem, fitted: Fitted, c: int) -> float:
-    """Noise of a sensor that does not state it, from the residual of a set [unit of the channel].
+def _white(problem: Problem, fitted: Fitted) -> Array:
+    """Noise of each sensor from the residual of a set, in units of the noise so far [1], (m,).
 
     It is the part of the residual that neighboring samples do not share, so that a residual which
-    is white is noise. NaN: the records are too short.
+    is white is noise. Zero: the records are too short.
     """
     of_records = [
-        noise_of_record((x.residual[:, c] * o.sd[:, c])[o.valid[:, c]])
+        [noise_of_record(x.residual[o.valid[:, c], c]) for c in range(fitted.noise.size)]
         for x, o in zip(fitted.linears, problem.fit, strict=True)
     ]
-    return float(np.sqrt(np.mean(np.square(of_records)))) or math.nan
+    return np.asarray(np.sqrt(np.mean(np.square(of_records), axis=0)))
 
 
 def _channels(
@@ -473,6 +471,7 @@ def _channels(
     seen = evaluate(problem, [Ask((), start, problem.fit, derivatives=False)])[0]
     tabulated = rms_of(problem.fit, (x.residual for x in seen))
     calibrated, explained = _rms(problem, alone), _rms(problem, best)
+    noise = problem.noise * (_white(problem, best) if problem.noise_estimated else 1.0)
     held = [None if (p := predicted.get(s.causes)) is None else p.rms(shown) for s in (alone, best)]
     out = []
     for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True)):
@@ -482,7 +481,7 @@ def _channels(
             Channel(
                 name,
                 unit,
-                _white(problem, best, c) if problem.noise_estimated else float(problem.noise[c]),
+                float(noise[c]) or math.nan,
                 motion,
                 float(tabulated[c]),
                 float(calibrated[c]),

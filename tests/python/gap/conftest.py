@@ -15,7 +15,7 @@ def spring_record(name, cycles, *, role="fit", hardening=0.0, preload=0.0, seed=
     t = np.linspace(0.0, 2.0, 200)
     x = 0.1 * np.sin(cycles * np.pi * t)
     force = 100.0 * x + hardening * x**3 + preload
-    force += foreign * np.sqrt(2.0) * np.sin(37.0 * x / 0.1)
+    force += foreign * np.sqrt(2.0) * np.sin(12.0 * x / 0.1)
     force += np.random.default_rng(cycles if seed is None else seed).normal(0.0, SIGMA, t.size)
     sensors = {"force": Sensor(name="force", unit="N", sigma=SIGMA)}
     return Record(

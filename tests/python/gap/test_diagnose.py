@@ -19,13 +19,13 @@ from feltmb.gap import (
     State,
     library,
 )
-from feltmb.gap.diagnosis import diagnose
+from feltmb.gap.diagnosis import diagnose, fit_model
 from feltmb.gap.options import Options
 from feltmb.gap.progress import Stop
 from feltmb.gap.result import Reason, Verdict
 
 from .conftest import spring_record
-from .models import DRY, MASS, NOMINAL, TRUTH, record
+from .models import DRY, MASS, NOMINAL, TRUTH, line, record
 
 
 def three(**effects):
@@ -96,6 +96,18 @@ def test_a_small_discrepancy_changes_neither_name_nor_coverage(spring, causes):
     result = diagnose(spring, causes, three(hardening=3000.0, foreign=0.1))
     assert [n.cause for n in result.named] == ["hardening"]
     assert result.named[0].low < 3000.0 < result.named[0].high
+
+
+@pytest.mark.parametrize("factor", [1.1, 3.0])
+def test_white_noise_beyond_the_stated_one_is_no_discrepancy(factor):
+    rng, t = np.random.default_rng(1), np.linspace(0.0, 1.0, 1000)
+    x = np.sin(4.0 * np.pi * t)
+    y = x + 0.01 * factor * rng.standard_normal(t.size)
+    sensors = {"y": Sensor(name="y", unit="1", sigma=0.01)}
+    one = Record(name="one", time=t, inputs={"x": x}, outputs={"y": y}, sensors=sensors)
+    found = fit_model(line(0.1), one).parameters[0]
+    half = 1.96 * 0.01 * factor / np.sqrt(x @ x)
+    assert 0.5 * (found.high - found.low) == pytest.approx(half, rel=0.25)
 
 
 def test_a_parameter_far_outside_its_tolerance_is_told(spring, causes):

@@ -155,7 +155,7 @@ def test_without_ports_the_component_of_effects_is_told(spring):
             unit="N",
             scale=1.0,
             regressor=lambda r, _: (
-                np.sin(37.0 * r.inputs["x"] / 0.1) if component == "right" else np.cos(5.0 * r.time)
+                np.sin(12.0 * r.inputs["x"] / 0.1) if component == "right" else np.cos(5.0 * r.time)
             ),
         )
 
