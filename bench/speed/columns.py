@@ -17,7 +17,7 @@ import numpy as np
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.derivatives import can_differentiate
+from feltmb.adapters.derivatives import added_states
 from feltmb.data import Record
 from feltmb.fit import Candidate, SensitivityRequest
 
@@ -42,7 +42,7 @@ def main() -> None:
     zeros = {o: np.zeros(clock.size) for o in model.outputs}
     record = Record(name=stroke.name, time=clock, inputs={"force": stroke.at(clock)}, outputs=zeros)
     candidates = [Candidate(e, s) for e in effects for s in e.shapes]
-    candidates = [c for c in candidates if can_differentiate(model.simulator, record, c)]
+    candidates = [c for c in candidates if not added_states(model.simulator, record, c)]
     theta, whole = np.zeros(len(model.parameters)), np.array([[0, clock.size - 1]], dtype=np.intp)
     base = model.simulator.version(record, theta, (), np.zeros(0))
 

@@ -3,15 +3,17 @@
 The variational equation is integrated together with the stroke, by all variables in one pass
 (:mod:`feltmb.run.sensitivity`). The derivative of the equations by a parameter follows from
 mechanisms with a shifted parameter. The stroke starts at rest; where the rest pose depends on the
-parameters, the chain rule adds this dependence. For an effect with states of its own (a compliant
-pivot, creeping felt) at magnitude zero, a one-sided difference is used.
+parameters, the chain rule adds this dependence. An effect with states of a law (creeping felt) is
+in a pass at a tiny magnitude. For one with other states (a compliant pivot), which are stiff at
+small magnitudes, a one-sided difference is used at zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import zip_longest
+from typing import Any, Literal
 
 import numpy as np
 
@@ -19,6 +21,7 @@ from feltmb import _core
 from feltmb.adapters.changes import Entry
 from feltmb.adapters.simulator import (
     FORCE,
+    VERSIONS,
     Drive,
     MechanismSimulator,
     Variant,
@@ -32,7 +35,7 @@ from feltmb.errors import FeltmbError
 from feltmb.fit import Candidate, Sensitivity, SensitivityRequest
 from feltmb.fit.calling import Latest
 
-__all__ = ["Derivatives", "can_differentiate", "forward_sensitivities"]
+__all__ = ["Derivatives", "added_states", "forward_sensitivities"]
 
 #: Number of points whose derivatives are cached: a score needs more derivatives at the end of a
 #: fit.
@@ -42,8 +45,8 @@ EFFECT_STEP = 0.2
 #: Relative tolerance of a derivative by an unknown of a fit. Before a strike, nine of ten
 #: derivatives are correct to 1e-3 of their largest value.
 TOLERANCE = 3e-3
-#: The same for effects that a set lacks, in half the time: nine of ten are correct to 2 to 8 % rms,
-#: which their rank does not show.
+#: The same for requests of rough derivatives, in half the time: nine of ten are correct to 2 to 8 %
+#: rms.
 ROUGH = 3e-2
 #: Shift of a parameter or magnitude as a share of its scale. The errors by curvature and by
 #: rounding of the rest pose are then below 1e-5 of a derivative.
@@ -54,6 +57,8 @@ INPUT_SHIFT = 1e-4
 
 #: Variable of differentiation: index of a parameter, an effect, or the hash of a change of inputs.
 Variable = int | Candidate
+#: States that an effect adds: none, those of laws of contacts, or others.
+Added = Literal["", "law", "other"]
 
 
 class Derivatives:
@@ -70,34 +75,42 @@ class Derivatives:
         self.passes = 0
         """Number of integrations of derivatives so far."""
         self._points: Latest[tuple[object, ...], dict[Variable, Array]] = Latest(POINTS)
-        self._smooth: dict[tuple[object, ...], bool] = {}
+        self._states: Latest[tuple[object, ...], Added] = Latest(VERSIONS)
 
-    def of(self, request: SensitivityRequest, outputs: Array) -> Sensitivity:
+    def place(self, request: SensitivityRequest) -> tuple[object, ...]:
+        """Key of the derivatives of a request: its record, its point, and their tolerance."""
+        key = key_of(request.record, request.theta, request.included, request.sizes)
+        return request.record.excitation, key, request.rough
+
+    def of(self, request: SensitivityRequest) -> Sensitivity:
         """Outputs (n, ny) and their derivatives, by effects at their magnitude, or else at zero.
+
+        If the simulation fails, the outputs are NaN and the derivatives zero.
 
         Parameters
         ----------
         request
-            The point and the variables of differentiation; a model has prepared it.
-        outputs
-            Outputs at the point.
+            The point and the variables of differentiation.
         """
-        record, theta, included = request.record, request.theta, request.included
-        place = (record.excitation, key_of(record, theta, included, request.sizes))
-        known = self._points.get(place, dict)
-        parameters = [int(i) for i in request.by_theta or ()]
+        included, simulator = request.included, self.simulator
+        every = range(len(simulator.parameters))
+        parameters = [*(every if request.by_theta is None else request.by_theta)]
         effects = (*included, *request.candidates)
         changes = {_digest(change): change for change in request.input_changes}
-        self._complete(
-            known,
-            replace(
+        outputs = simulator.motion(request.record, request.theta, included, request.sizes)
+        if outputs is None:
+            outputs = np.full((request.record.samples, len(simulator.outputs)), np.nan)
+            zero = np.zeros_like(outputs)
+            known: dict[Variable, Array] = dict.fromkeys([*parameters, *effects, *changes], zero)
+        else:
+            known = self._points.get(self.place(request), dict)
+            lacking = replace(
                 request,
                 by_theta=[i for i in parameters if i not in known],
                 candidates=tuple(c for c in effects if c not in known),
                 input_changes=tuple(v for key, v in changes.items() if key not in known),
-            ),
-            outputs,
-        )
+            )
+            self._complete(known, lacking, outputs)
 
         def columns(variables: Sequence[Variable]) -> Array:
             none = np.zeros((*outputs.shape, 0))
@@ -118,41 +131,35 @@ class Derivatives:
         """Add the derivatives by the variables of a request to those that are known."""
         if not (lacking.by_theta or lacking.candidates or lacking.input_changes):
             return
-        record, fresh, included = lacking.record, lacking.candidates, lacking.included
-        live = [
-            k
-            for k, c in enumerate(included)
-            if lacking.sizes[k] != 0.0 or self._is_smooth(record, c)
-        ]
+        fresh, included = lacking.candidates, lacking.included
+        added = {c: self._added(lacking.record, c) for c in (*included, *fresh)}
+        live = [k for k, c in enumerate(included) if lacking.sizes[k] != 0.0 or not added[c]]
         inside = replace(
             lacking,
             included=tuple(included[k] for k in live),
             magnitudes=lacking.sizes[live],
-            candidates=(),
+            candidates=tuple(c for c in fresh if c not in included and not added[c]),
         )
-        beside = tuple(c for c in fresh if c not in included and self._is_smooth(record, c))
-        if lacking.by_theta or lacking.input_changes or any(c in included for c in fresh):
-            known |= self._integrated(inside, TOLERANCE, outputs)
-        if beside:
-            # The included effects are in this pass too, but rough: those that are known stay.
-            rough = replace(inside, by_theta=(), input_changes=(), candidates=beside)
-            known |= self._integrated(rough, ROUGH, outputs) | known
+        known |= self._integrated(inside, outputs) | known
+        inside = replace(inside, by_theta=(), candidates=(), input_changes=())
+        for group in _apart([c for c in fresh if added[c] == "law" and c not in known]):
+            shifts = [_shift(0.0, c.effect.scale, c.effect.bounds[1]) for c in group]
+            begun = replace(
+                inside,
+                included=(*inside.included, *group),
+                magnitudes=np.append(inside.sizes, shifts),
+            )
+            known |= self._integrated(begun, outputs) | known
+        rest = [c for c in fresh if c not in known]
+        found = self.simulator.in_parallel(lambda c: self._difference(inside, c, outputs), rest)
+        known |= dict(zip(rest, found, strict=True))
 
-        def one(candidate: Candidate) -> None:
-            known[candidate] = self._difference(inside, candidate, outputs)
-
-        self.simulator.in_parallel(one, [c for c in fresh if c not in known])
-
-    def _is_smooth(self, record: Record, candidate: Candidate) -> bool:
-        """Whether an effect at zero can be differentiated in the pass of the others."""
+    def _added(self, record: Record, candidate: Candidate) -> Added:
+        """What states an effect adds, see :func:`added_states`."""
         key = (candidate, tuple(sorted(record.conditions.items())))
-        if key not in self._smooth:
-            self._smooth[key] = can_differentiate(self.simulator, record, candidate)
-        return self._smooth[key]
+        return self._states.get(key, lambda: added_states(self.simulator, record, candidate))
 
-    def _integrated(
-        self, request: SensitivityRequest, tolerance: float, outputs: Array
-    ) -> dict[Variable, Array]:
+    def _integrated(self, request: SensitivityRequest, outputs: Array) -> dict[Variable, Array]:
         """Derivatives by parameters, effects and changes of the inputs, from one pass."""
         variables: list[Variable] = [
             *(request.by_theta or ()),
@@ -163,6 +170,7 @@ class Derivatives:
         if not variables:
             return {}
         self.passes += 1
+        tolerance = ROUGH if request.rough else TOLERANCE
         found = forward_sensitivities(self.simulator, request, tolerance=tolerance)
         if found is None:
             found = np.full((*outputs.shape, len(variables)), np.nan)
@@ -221,19 +229,27 @@ class _Column:
         return _core.SensitivityParameter(self.name, versions, self.scale)
 
 
-def can_differentiate(simulator: MechanismSimulator, record: Record, candidate: Candidate) -> bool:
-    """Whether the candidate adds no states to the mechanism."""
+def added_states(simulator: MechanismSimulator, record: Record, candidate: Candidate) -> Added:
+    """Whether a candidate adds states to a mechanism: none, those of laws, or others."""
     effect = candidate.effect
     if not isinstance(effect.data, Entry):
-        return False
+        return "other"
     theta = np.zeros(len(simulator.parameters))
     shift = np.array([_shift(0.0, effect.scale, effect.bounds[1])])
     try:
-        base = simulator.version(record, theta, (), np.zeros(0))
-        moved = simulator.version(record, theta, (candidate,), shift)
+        base = simulator.version(record, theta, (), np.zeros(0)).states
+        moved = simulator.version(record, theta, (candidate,), shift).states
     except FeltmbError:
-        return False
-    return base.states == moved.states
+        return "other"
+    return "" if base == moved else "law" if base[::2] == moved[::2] else "other"
+
+
+def _apart(candidates: Sequence[Candidate]) -> list[list[Candidate]]:
+    """Groups of effects of different components: no law has the states of two."""
+    of: dict[str, list[Candidate]] = {}
+    for c in candidates:
+        of.setdefault(c.effect.component, []).append(c)
+    return [[c for c in group if c is not None] for group in zip_longest(*of.values())]
 
 
 def forward_sensitivities(
@@ -247,7 +263,7 @@ def forward_sensitivities(
         Simulator of the mechanism.
     request
         Point and variables of differentiation. Included effects with states of their own must have
-        a magnitude that is not zero; :func:`can_differentiate` holds for all candidates.
+        a magnitude that is not zero; the candidates have none (:func:`added_states`).
     tolerance
         Relative tolerance of a derivative [1].
 

@@ -66,6 +66,8 @@ __all__ = [
     "resolve",
 ]
 
+#: Magnitudes of no effects.
+NONE = np.zeros(0)
 #: Longest record [s]; the simulation of a wrong clock would take minutes.
 LONGEST = 20.0
 #: Beginnings of the names of parameters of felt and friction, which vary from stroke to stroke.
@@ -302,49 +304,38 @@ class MechanismModel(Model):
 
     # --- simulations and derivatives --------------------------------------------------------------
 
-    def simulate(self, record: Record, jobs: Jobs) -> Array:
-        """Simulate jobs; equal versions of the mechanism are run once."""
-        outputs = np.full((jobs.count, record.samples, len(self.outputs)), np.nan)
-        sizes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
-        groups: dict[bytes, list[int]] = {}
-        for b in range(jobs.count):
-            key = key_of(record, jobs.theta[b], jobs.included, sizes[b])
-            groups.setdefault(key, []).append(b)
+    def simulate(self, record: Record, jobs: Jobs) -> Array:  # noqa: D102
+        return self.simulate_all([(record, jobs)])[0]
 
-        def work(rows: list[int]) -> None:
-            first = rows[0]
-            motion = self.simulator.motion(record, jobs.theta[first], jobs.included, sizes[first])
-            if motion is not None:
-                outputs[rows] = motion
-
-        self.simulator.in_parallel(work, list(groups.values()))
-        return outputs
+    def simulate_all(  # noqa: D102
+        self, batches: Sequence[tuple[Record, Jobs]]
+    ) -> list[Array]:
+        # All records at once; equal versions of the mechanism are run once.
+        versions = [
+            (record, jobs.theta[b], jobs.included, jobs.magnitudes[b] if jobs.included else NONE)
+            for record, jobs in batches
+            for b in range(jobs.count)
+        ]
+        motions = iter(
+            self.simulator.in_parallel(
+                lambda version: self.simulator.motion(*version),
+                versions,
+                lambda version: (version[0].excitation, key_of(*version)),
+            )
+        )
+        failed = [np.full((record.samples, len(self.outputs)), np.nan) for record, _ in batches]
+        return [
+            np.array([bad if (y := next(motions)) is None else y for _ in range(jobs.count)])
+            for (_, jobs), bad in zip(batches, failed, strict=True)
+        ]
 
     def sensitivities(  # noqa: D102
         self, requests: Sequence[SensitivityRequest]
     ) -> list[Sensitivity]:
-        # Exact derivatives, all in one pass.
-        return [self._sensitivity(request) for request in requests]
-
-    def _sensitivity(self, request: SensitivityRequest) -> Sensitivity:
-        request.check(self)
-        wanted = replace(request, by_theta=request.parameters_of(self))
-        base = self.simulator.motion(request.record, request.theta, request.included, request.sizes)
-        if base is not None:
-            return self.derivatives.of(wanted, base)
-        shape = (request.record.samples, len(self.outputs))
-
-        def none(variables: Sequence[object]) -> Array:
-            return np.zeros((*shape, len(variables)))
-
-        return Sensitivity(
-            outputs=np.full(shape, np.nan),
-            d_theta=none(request.parameters_of(self)),
-            d_magnitudes=none(request.included),
-            d_starts=none(()),
-            d_candidates=none(request.candidates),
-            d_inputs=none(request.input_changes),
-        )
+        # Exact derivatives, those at one point in one pass, or one after another.
+        for request in requests:
+            request.check(self)
+        return self.simulator.in_parallel(self.derivatives.of, requests, self.derivatives.place)
 
 
 def varies(parameter: Parameter) -> bool:

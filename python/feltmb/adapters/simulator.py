@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -56,6 +56,10 @@ VERSIONS = 400
 #: Output samples per short interval of a record with an uneven clock. A tenth of its intervals are
 #: shorter.
 FINER, SHORT = 8.0, 0.1
+
+
+T = TypeVar("T")
+R = TypeVar("R")
 
 
 # ------------------------------------------------------------------------------------- inputs
@@ -438,20 +442,24 @@ class MechanismSimulator:
             out[:, o] = column - self.at_rest(variant, name)
         return out
 
-    def in_parallel(self, work: Callable[[Any], None], tasks: Sequence[Any]) -> None:
-        """Run the tasks on the threads; results do not depend on their number."""
-        if self.workers <= 1 or len(tasks) < 2:
-            for task in tasks:
-                work(task)
-            return
+    def in_parallel(
+        self, work: Callable[[T], R], tasks: Sequence[T], place: Callable[[T], object] = id
+    ) -> list[R]:
+        """Results of tasks, from the threads; they do not depend on the number of threads.
+
+        Tasks of the same place run one after another.
+        """
+        groups: dict[object, list[int]] = {}
+        for k, task in enumerate(tasks):
+            groups.setdefault(place(task), []).append(k)
+
+        def run(group: list[int]) -> list[tuple[int, R]]:
+            with np.errstate(all="ignore"):  # each thread has its own
+                return [(k, work(tasks[k])) for k in group]
+
         with ThreadPoolExecutor(self.workers) as pool:
-            futures = [pool.submit(work, task) for task in tasks]
-            try:
-                for future in futures:
-                    future.result()
-            finally:  # if the time is over, no further task is started
-                for future in futures:
-                    future.cancel()
+            found = dict(pair for pairs in pool.map(run, groups.values()) for pair in pairs)
+        return [found[k] for k in range(len(tasks))]
 
 
 def key_of(

@@ -346,6 +346,8 @@ class SensitivityRequest:
     shape_changes: tuple[ShapeChange, ...] = ()
     """Changes of the shapes of included effects whose derivatives are requested. Only models with
     ``d_shapes`` in their results compute them."""
+    rough: bool = False
+    """Whether errors of some percent do not matter: for a rank, a covariance, a step of a fit."""
 
     @property
     def sizes(self) -> Array:

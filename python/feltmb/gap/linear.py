@@ -68,6 +68,8 @@ class Ask:
     """Effects that are not in the set: derivatives by their magnitudes at zero."""
     derivatives: bool = True
     by_global: bool = True
+    rough: bool = False
+    """Whether errors of the derivatives of some percent do not matter."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,6 +267,7 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
                     by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, o)),
                     candidates=problem.candidates(ask.further),
                     shape_changes=by_shape,
+                    rough=ask.rough,
                 )
             )
     found_all = observed_sensitivities(problem.model, requests) if requests else []

@@ -69,7 +69,7 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
             gains[m.cause] = max(gains.get(m.cause, 0.0), float(b * b / a) if a > 0.0 else 0.0)
         likely = sorted(gains, key=lambda i: -gains[i])[:LIKELY]
         further = tuple(m for m in further if m.cause in likely)
-    ask = Ask(fitted.members, fitted.point, problem.fit, further, by_global=False)
+    ask = Ask(fitted.members, fitted.point, problem.fit, further, by_global=False, rough=True)
     linears = evaluate(problem, [ask])[0]
     return Directions(further, tuple(x.by_further for x in linears))
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -354,6 +355,7 @@ def _climb(
     def gain(s: Fitted, over: Fitted) -> float:
         return log_odds(problem, s, over)
 
+    @cache
     def scored(fitted: Fitted) -> list[Score]:
         seen = directions(problem, fitted, found.directions)
         found.directions = found.directions or seen

@@ -123,6 +123,50 @@ def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     assert model.derivatives.passes == passes + 3
 
 
+def creeping(adapter, workers):
+    """A model with effects that add states of laws, and its candidates."""
+    rough, _, _ = adapter
+    model, effects = mechanism_model(
+        rough.action, channels=["key", "whippen", "hammer"], library=rough.library,
+        tolerances=["felt.03"], effects=["felt_relaxation.0[34]", "pivot_compliance.whippen"],
+        rtol=1e-8, workers=workers,
+    )  # fmt: skip
+    return model, tuple(Candidate(e, s) for e in effects for s in e.shapes)
+
+
+def test_effects_with_states_of_laws_are_in_a_pass_for_each_of_their_shapes(adapter):
+    _, _, record = adapter
+    model, candidates = creeping(adapter, 1)
+    theta = np.zeros(1)
+    (s,) = model.sensitivities([asked(record, theta, by_theta=(), candidates=candidates)])
+    assert model.derivatives.passes == 2
+    for k, candidate in enumerate(candidates[:4]):
+        size = 0.02 * candidate.effect.scale
+        moved = model.simulator.motion(record, theta, (candidate,), np.array([size]))
+        found = (moved - s.outputs) / size
+        apart = np.abs(s.d_candidates[..., k] - found).max()
+        assert apart < 0.05 * np.abs(found).max(), candidate.name
+
+
+def test_results_do_not_depend_on_the_number_of_threads(adapter):
+    _, _, record = adapter
+    records = (record, record.with_inputs({"force": 1.01 * record.inputs["force"]}))
+    results = []
+    for workers in (1, 3):
+        model, candidates = creeping(adapter, workers)
+        points = [(r, np.array([x])) for r in records for x in (0.0, 0.1, 0.1)]
+        requests = [asked(r, x, candidates=candidates[-1:]) for r, x in points]
+        found = model.sensitivities([*requests, asked(record, np.zeros(1), candidates=candidates)])
+        results.append(
+            [
+                *(s.d_theta for s in found),
+                *(s.d_candidates for s in found),
+                *model.simulate_all([(r, at(x)) for r, x in points]),
+            ]
+        )
+    assert all(np.array_equal(a, b) for a, b in zip(*results, strict=True))
+
+
 def test_a_camera_that_lags_and_a_force_sensor_that_leads_show_the_same(adapter):
     model, effects, record = adapter
     camera, force = (
