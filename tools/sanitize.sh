@@ -65,10 +65,10 @@ configure() {
     export CCACHE_BASEDIR=${CCACHE_BASEDIR:-$root} CCACHE_NOHASHDIR=1
   fi
   pybind11=$("$python" -m pybind11 --cmakedir 2>/dev/null || true)
-  # A build type of its own adds no flags: those of the known ones would come last and win. Without
-  # precompiled headers ccache works, and each unit shows that it includes what it uses.
+  # A build type of its own adds no flags: those of the known ones would come last and win. File by
+  # file and without precompiled headers ccache works, and each file shows that it includes what it uses.
   cmake -S "$root" -B "$build" "${options[@]}" -DCMAKE_BUILD_TYPE=Sanitize -DFELTMB_TESTS=ON \
-    -DFELTMB_BENCH=OFF -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON \
+    -DFELTMB_BENCH=OFF -DCMAKE_DISABLE_PRECOMPILE_HEADERS=ON -DFELTMB_UNITY=OFF \
     -DFELTMB_PYTHON="$([ "$kind" = address ] && echo ON || echo OFF)" \
     -DPython_EXECUTABLE="$(command -v "$python")" ${pybind11:+-Dpybind11_DIR="$pybind11"} \
     -DCMAKE_CXX_FLAGS="$flags -fno-omit-frame-pointer -O1 -g1 -D_GLIBCXX_ASSERTIONS"

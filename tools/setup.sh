@@ -184,7 +184,7 @@ look_around() {
   need=() need_text=() want=()
   find_compiler || lacking 'a C++20 compiler (g++ 12 or newer)' g++
   find_cmake || lacking 'CMake 3.22 or newer' cmake
-  find_build_program || lacking 'make or ninja' make
+  find_build_program || lacking 'ninja or make' ninja-build  # ninja compiles the bindings beside the core
   find_sundials || lacking 'SUNDIALS 6.4 or newer (cvodes/cvodes.h, static libraries)' libsundials-dev
   find_eigen || lacking 'Eigen 3.4 or newer (Eigen/Core)' libeigen3-dev
   if find_python; then

@@ -5,9 +5,9 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <cmath>
-#include <stdexcept>
+#include <cstddef>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -20,89 +20,95 @@ namespace feltmb::python {
 
 namespace py = pybind11;
 
-/// A limit of a range, None where there is none.
-inline py::object limit(double value) {
-  return std::isfinite(value) ? py::cast(value) : py::none();
-}
+/// Adds the limits of a range, None where there is none.
+void add_range(py::dict& out, const Range& range);
 
-inline void add_range(py::dict& out, const Range& range) {
-  out["low"] = limit(range.low);
-  out["high"] = limit(range.high);
-  out["low_open"] = range.low_open;
-  out["high_open"] = range.high_open;
+/// What Python has of a field: a pair of numbers for a vector, a law for its parameters.
+template <class T>
+const T& seen(const T& value) {
+  return value;
 }
+inline std::pair<double, double> seen(const Vec2& value) { return {value.x, value.y}; }
+inline ContactLaw seen(const LawParameters& value) { return ContactLaw(value); }
 
-inline std::string shown(const py::handle& node) { return py::repr(node).cast<std::string>(); }
+template <class T>
+using Seen = std::remove_cvref_t<decltype(seen(std::declval<const T&>()))>;
+
+template <class T>
+T unseen(const Seen<T>& value) {
+  if constexpr (std::is_same_v<T, Vec2>) {
+    return {value.first, value.second};
+  } else if constexpr (std::is_same_v<T, LawParameters>) {
+    return value.parameters();
+  } else {
+    return value;
+  }
+}
 
 template <class T>
 py::object to_python(const T& value) {
-  if constexpr (std::is_same_v<T, Vec2>) {
-    return py::make_tuple(value.x, value.y);
-  } else if constexpr (std::is_same_v<T, LawParameters>) {
-    return py::cast(ContactLaw(value));
-  } else {
-    return py::cast(value);
-  }
+  return py::cast(seen(value));
 }
 
 template <class T>
 T from_python(const py::handle& node) {
-  if constexpr (std::is_same_v<T, Vec2>) {
-    const auto [x, y] = node.cast<std::pair<double, double>>();
-    return {x, y};
-  } else if constexpr (std::is_same_v<T, LawParameters>) {
-    return node.cast<const ContactLaw&>().parameters();
-  } else if constexpr (std::is_enum_v<T>) {
+  if constexpr (std::is_enum_v<T>) {
     // By its name too, as files have it.
     if (py::isinstance<py::str>(node))
       return py::type::of(py::cast(T{})).attr(node).template cast<T>();
-    return node.cast<T>();
-  } else {
-    return node.cast<T>();
   }
+  return unseen<T>(node.cast<Seen<T>>());
 }
 
-/// Sets a field by its name; throws InvalidParameter if there is none or the value is of another
+/// A field of some struct. The functions know its type and not the struct: what Python needs is
+/// compiled once for each type of a field, and not for each field of each struct.
+struct FieldAccess {
+  const char* name;
+  std::ptrdiff_t place;  ///< bytes from the start of the struct
+  py::object (*read)(const void* field);
+  void (*write)(void* field, const py::handle& node);
+  const char* kind;  ///< "number" or "count"; empty: a choice or a name
+  const char* unit;
+  const char* meaning;
+  Range range;
+  double standard;  ///< default of a number
+};
+
+using FieldTable = std::vector<FieldAccess>;
+
+/// Address of the struct of an object.
+using Address = void* (*)(const py::handle& object);
+
+/// Sets fields by their names; throws InvalidParameter if there is none or a value is of another
 /// kind.
-template <class S>
-void set_field(S& object, const char* type, const std::string& name, const py::handle& value) {
-  bool found = false;
-  std::string known;
-  each_field(object, [&]<class F, class T>(const F& field, T& own) {
-    known += (known.empty() ? "" : ", ") + std::string(field.name);
-    if (name != field.name) return;
-    found = true;
-    try {
-      own = from_python<T>(value);
-    } catch (const std::exception&) {  // of a cast, or a name that the enum does not have
-      throw InvalidParameter(format("%s: %s = %s, expected a value such as %s", type, field.name,
-                                    shown(value).c_str(), shown(to_python(own)).c_str()));
-    }
-  });
-  if (!found) {
-    throw InvalidParameter(std::string(type) + ": unknown field " + name + "; known are " + known);
-  }
-}
+void set_fields(void* object, const char* type, const FieldTable& table, const py::kwargs& values);
 
 /// Name, kind, unit, meaning, limits and default of the numbers of a struct.
-template <class S>
-py::list number_fields() {
-  py::list out;
-  const S standard{};
-  each_field(standard, [&]<class F, class T>(const F& field, const T& value) {
-    if constexpr (std::is_same_v<T, double> || std::is_same_v<T, int>) {
-      if (*field.unit == '\0') return;  // a choice or a name
-      py::dict row;
-      row["name"] = field.name;
-      row["kind"] = std::is_same_v<T, int> ? "count" : "number";
-      row["unit"] = field.unit;
-      row["meaning"] = field.meaning;
-      add_range(row, field.range);
-      row["required"] = !field.range.holds(value);
-      row["default"] = field.range.holds(value) ? py::cast(value) : py::none();
-      out.append(row);
-    }
-  });
+py::list number_fields(const FieldTable& table, const void* standard);
+
+void add_property(const py::object& type, const char* name, const py::cpp_function& get,
+                  const py::cpp_function& set);
+
+template <class T>
+FieldAccess bind_field(const py::object& type, Address address, const char* name,
+                       std::ptrdiff_t place) {
+  const auto field = [address, place](const py::handle& self) -> T& {
+    return *reinterpret_cast<T*>(static_cast<char*>(address(self)) + place);
+  };
+  add_property(
+      type, name,
+      py::cpp_function([field](const py::handle& self) { return Seen<T>(seen(field(self))); },
+                       py::is_method(type)),
+      py::cpp_function(
+          [field](const py::handle& self, const Seen<T>& value) { field(self) = unseen<T>(value); },
+          py::is_setter(), py::is_method(type)));
+  FieldAccess out{};
+  out.name = name;
+  out.place = place;
+  out.read = [](const void* own) { return to_python(*static_cast<const T*>(own)); };
+  out.write = [](void* own, const py::handle& node) {
+    *static_cast<T*>(own) = from_python<T>(node);
+  };
   return out;
 }
 
@@ -111,48 +117,38 @@ py::list number_fields() {
 template <class S>
 py::class_<S> bind_fields(py::module_& m, const char* type) {
   py::class_<S> out(m, type);
-  out.def(py::init([type](const py::kwargs& values) {
+  FieldTable table;
+  std::vector<std::string> names;
+  S standard{};
+  each_field(standard, [&]<class F, class T>(const F& field, T& value) {
+    const auto place = reinterpret_cast<char*>(&value) - reinterpret_cast<char*>(&standard);
+    FieldAccess access = bind_field<T>(
+        out, [](const py::handle& object) -> void* { return &object.cast<S&>(); }, field.name,
+        place);
+    if constexpr (std::is_same_v<T, double> || std::is_same_v<T, int>) {
+      access.kind = std::is_same_v<T, int> ? "count" : "number";
+      access.standard = value;
+    }
+    access.unit = field.unit;
+    access.meaning = field.meaning;
+    access.range = field.range;
+    table.push_back(access);
+    names.emplace_back(field.name);
+  });
+  out.def_static("field_names", [names] { return names; }, "Names of all fields.");
+  out.def_static(
+      "number_fields",
+      [table] {
+        const S object{};
+        return number_fields(table, &object);
+      },
+      "Name, kind, unit, meaning, limits and default of the fields that are numbers.");
+  out.def(py::init([type, table](const py::kwargs& values) {
             S object{};
-            for (const auto& [key, value] : values) {
-              set_field(object, type, key.template cast<std::string>(), value);
-            }
+            set_fields(&object, type, table, values);
             return object;
           }),
           "From its fields, SI; what is not given keeps its default.");
-  std::vector<std::string> names;
-  std::apply(
-      [&](const auto&... field) {
-        const auto add = [&](const auto& one) {
-          const auto member = one.member;
-          using T = std::remove_cvref_t<decltype(std::declval<S>().*member)>;
-          names.emplace_back(one.name);
-          if constexpr (std::is_same_v<T, Vec2>) {
-            out.def_property(
-                one.name,
-                [member](const S& object) {
-                  return std::pair((object.*member).x, (object.*member).y);
-                },
-                [member](S& object, std::pair<double, double> value) {
-                  object.*member = {value.first, value.second};
-                });
-          } else if constexpr (std::is_same_v<T, LawParameters>) {
-            out.def_property(
-                one.name, [member](const S& object) { return ContactLaw(object.*member); },
-                [member](S& object, const ContactLaw& law) { object.*member = law.parameters(); });
-          } else {
-            out.def_property(
-                one.name, [member](const S& object) { return T(object.*member); },
-                [member](S& object, const T& value) { object.*member = value; });
-          }
-        };
-        (add(field), ...);
-      },
-      S::fields());
-  out.def_static(
-      "field_names", [names = std::move(names)] { return names; }, "Names of all fields.");
-  out.def_static(
-      "number_fields", [] { return number_fields<S>(); },
-      "Name, kind, unit, meaning, limits and default of the fields that are numbers.");
   return out;
 }
 

@@ -1,15 +1,13 @@
 #include "feltmb/beam/shapes.hpp"
 
 #include <cmath>
-#include <numbers>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/numeric/bracketing.hpp"
+#include "feltmb/numeric/constants.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 /// k-th positive root of cos(b) = sign / cosh(b); sign -1: clamped-free, +1: clamped-clamped.
 double frequency_root(int k, double sign) {

@@ -2,16 +2,14 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/fiber/faults.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 double shared(const ConstantArea& a, double) { return a.size; }
 

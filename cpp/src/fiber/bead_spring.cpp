@@ -2,11 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <numbers>
 
 #include "bead_spring_box.hpp"
 #include "feltmb/fiber/faults.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/random.hpp"
 
 namespace feltmb {
@@ -14,7 +14,6 @@ namespace {
 
 using namespace bead_spring;
 
-constexpr double kPi = std::numbers::pi;
 constexpr double kRelaxingDrag = 0.01;  // least drag of relax() over the stretching frequency
 
 /// Whether no neighboring segment pair is nearer: a place where fibers touch may show in several.

@@ -2,17 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/numeric/bracketing.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 double free_length(const SlidingNetwork& network, double v) {
   return network.gamma * network.d_f / -std::expm1(-network.Q * network.gamma * v);

@@ -9,14 +9,13 @@
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
 #include "feltmb/numeric/chebyshev.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/numeric/roots.hpp"
 
 namespace feltmb {
 namespace {
 
-constexpr double kPi = std::numbers::pi;
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 using Values = std::map<std::string, double>;
 

@@ -2,15 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 
 #include "feltmb/fiber/faults.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 void check(ContactModel model, const ContactInput& input) {
   const std::string& name = contact_model_names()[static_cast<std::size_t>(model)];

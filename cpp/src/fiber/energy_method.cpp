@@ -4,19 +4,17 @@
 #include <array>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <utility>
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
 #include "feltmb/numeric/chebyshev.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 #include "feltmb/numeric/roots.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 /// a in (0, pi) with sin(a)/a = x by Newton iteration.
 double solve_half_angle(double x) {

@@ -2,11 +2,11 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numbers>
 #include <vector>
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/floor_within.hpp"
 #include "feltmb/numeric/parallel.hpp"
 #include "feltmb/numeric/random.hpp"
@@ -14,8 +14,6 @@
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 /// Points of a sphere sorted into cubic cells; neighbors within one cell side are in 27 cells.
 class SphereCells {

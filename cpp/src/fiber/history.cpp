@@ -2,14 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "feltmb/fiber/faults.hpp"
+#include "feltmb/numeric/constants.hpp"
 
 namespace feltmb {
 namespace {
 
-constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 using Lists = std::map<std::string, std::vector<double>>;
 
 /// Weights of x' = (u - x)/tau over a step in which u is linear: x1 = a x0 + w0 u0 + w1 u1.
@@ -202,7 +201,7 @@ class ImpactLaw final : public HistoryLaw {
   double stiffness_, exponent_, damping_;
 };
 
-std::vector<LawDescription> make_descriptions() {
+std::vector<LawDescription> make_history_descriptions() {
   const auto positive = [](const char* name, const char* unit, const char* meaning) {
     return LawParameter{name, unit, kNaN, 0, 1e18, true, 1e-6, 1e15, true, meaning};
   };
@@ -272,7 +271,7 @@ std::vector<LawDescription> make_descriptions() {
 }  // namespace
 
 const std::vector<LawDescription>& history_descriptions() {
-  static const auto& all = *new std::vector<LawDescription>(make_descriptions());
+  static const auto& all = *new std::vector<LawDescription>(make_history_descriptions());
   return all;
 }
 

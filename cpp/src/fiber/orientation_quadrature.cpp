@@ -1,18 +1,16 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 #include "symmetric_tensor.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 /// Two unit vectors orthogonal to n and to each other.
 void make_plane_basis(const Eigen::Vector3d& n, Eigen::Vector3d& p, Eigen::Vector3d& q) {

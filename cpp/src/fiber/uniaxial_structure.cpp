@@ -1,17 +1,15 @@
 #include <algorithm>
 #include <cmath>
-#include <numbers>
 #include <vector>
 
 #include "feltmb/fiber/faults.hpp"
 #include "feltmb/fiber/orientation.hpp"
+#include "feltmb/numeric/constants.hpp"
 #include "feltmb/numeric/elliptic.hpp"
 #include "feltmb/numeric/quadrature.hpp"
 
 namespace feltmb {
 namespace {
-
-constexpr double kPi = std::numbers::pi;
 
 /// In-plane moments int_0^{pi/2} q(p) (1 + m cos^2 p)^(-3/2) dp for q = cos^2, sin^2, cos^4, cos^6.
 struct CircleMoments {

@@ -14,9 +14,9 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
-class LawForce : public modal::ScalarForce {
+class MemorylessForce : public modal::ScalarForce {
  public:
-  explicit LawForce(const ContactLaw& law) : law_(law) {}
+  explicit MemorylessForce(const ContactLaw& law) : law_(law) {}
   Value trial(int, double, double compression, double rate) override {
     const LawValue v = law_.evaluate(compression, rate);
     return {v.force, v.d_compression, v.d_rate};
@@ -100,7 +100,7 @@ std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
       s.string.shapes(touch.position, phi, slope);
       for (double& p : phi) p *= -touch.side;
     }
-    out.forces.push_back(std::make_unique<LawForce>(c.law));
+    out.forces.push_back(std::make_unique<MemorylessForce>(c.law));
     contact.force = out.forces.back().get();
     out.contacts.push_back(std::move(contact));
     out.contact_index.push_back(static_cast<int>(i));

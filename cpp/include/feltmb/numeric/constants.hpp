@@ -1,0 +1,12 @@
+/// Numbers with a name.
+#pragma once
+
+#include <limits>
+#include <numbers>
+
+namespace feltmb {
+
+inline constexpr double kPi = std::numbers::pi;
+inline constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
+
+}  // namespace feltmb
