@@ -20,7 +20,7 @@ import numpy as np
 
 from feltmb.above import above
 from feltmb.arguments import checked
-from feltmb.data import Array, InputMode, Record
+from feltmb.data import Array, InputMode, Record, StartPrior
 from feltmb.errors import InvalidParameter
 from feltmb.files import check_suffix, write_text
 from feltmb.fit.coordinates import Coordinate, Coupling
@@ -43,6 +43,7 @@ __all__ = [
     "State",
     "difference_offsets",
     "prior_jobs",
+    "start_in",
 ]
 
 #: Component name of parameters of the interpolation of inputs between samples.
@@ -128,6 +129,13 @@ class State:
     hidden: bool = False
     """Whether it is a memory state of an effect, without influence on the outputs at magnitude
     0."""
+
+
+def start_in(state: State, record: Record) -> tuple[float, float]:
+    """Mean and standard deviation of a state at the start of a record; inf: it is not known."""
+    prior = record.start or StartPrior()
+    sd = state.start_sd if prior.known else math.inf
+    return prior.mean.get(state.name, state.start), prior.sd.get(state.name, sd)
 
 
 @checked
@@ -290,10 +298,9 @@ def prior_jobs(
     magnitudes: Sequence[float] = (),
 ) -> Jobs:
     """One simulation of a record with the tabulated parameters, from its expected start."""
-    mean = {} if record.start is None else record.start.mean
     return Jobs(
         theta=np.array([[p.value for p in model.parameters]], dtype=np.float64),
-        starts=np.array([[mean.get(s.name, s.start) for s in model.states(included)]]),
+        starts=np.array([[start_in(s, record)[0] for s in model.states(included)]]),
         included=included,
         magnitudes=np.array([magnitudes], dtype=np.float64),
     )

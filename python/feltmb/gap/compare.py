@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.arguments import checked
-from feltmb.data import Array, Record, StartPrior, join_records
+from feltmb.data import Array, Record, join_records
 from feltmb.data.joining import align_clocks
 from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit.model import Candidate, Model, Ready
+from feltmb.fit.model import Candidate, Model, Ready, start_in
 from feltmb.fit.noise import rms_of_measured
 from feltmb.fit.observe import observe
 from feltmb.gap.figures import comparison
@@ -234,10 +234,10 @@ def simulated(
         Their magnitudes [their units].
     """
     theta = np.array([p.value for p in model.parameters]) if theta is None else theta
-    states, prior = model.states(included), record.start or StartPrior()
-    start = np.array([prior.mean.get(s.name, s.start) for s in states])
-    sd = [prior.sd.get(s.name, s.start_sd) if prior.known else math.inf for s in states]
-    free = [i for i, s in enumerate(states) if sd[i] > UNKNOWN * s.scale]
+    states = model.states(included)
+    known = [start_in(s, record) for s in states]
+    start = np.array([mean for mean, _ in known])
+    free = [i for i, s in enumerate(states) if known[i][1] > UNKNOWN * s.scale]
 
     def run(part: Record, x: Array) -> Array:
         with np.errstate(all="ignore"):

@@ -19,6 +19,7 @@ from feltmb.fit.model import (
     SensitivityRequest,
     ShapeChange,
     State,
+    start_in,
 )
 from feltmb.fit.observe import delayed, machine_candidates, observe_all, observed_sensitivities
 from feltmb.gap.problem import Local, Members, Observed, Problem
@@ -204,11 +205,7 @@ def start_states(problem: Problem, ask: Ask, r: int) -> Array:
     """Start states of the model and of the effects of a set [their units], (nx,)."""
     observed, values = ask.records[r], ask.point.local[r]
     states = problem.model.states(machine_candidates(problem.candidates(ask.members)))
-    known = observed.record.start
-    start = np.array([s.start for s in states], dtype=np.float64)
-    if known is not None:
-        for i, s in enumerate(states):
-            start[i] = known.mean.get(s.name, start[i])
+    start = np.array([start_in(s, observed.record)[0] for s in states], dtype=np.float64)
     for local, value in zip(local_of(problem, ask.members, observed), values, strict=True):
         if local.kind == "start":
             start[local.index] = local.mean + local.scale * value

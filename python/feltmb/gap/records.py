@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from feltmb.data import Array, Record, Role
 from feltmb.data.smoothing import LEAST_SAMPLES, noise_of_record
 from feltmb.errors import DataError, InvalidParameter, near_names
-from feltmb.fit.model import Effect, Model, Ready
+from feltmb.fit.model import Effect, Model, Ready, start_in
 from feltmb.fit.noise import Noise, noise_of, rounding_error
 from feltmb.gap.library import clock_rate
 from feltmb.gap.options import Options
@@ -369,14 +369,9 @@ def noise_of_channel(record: Record, name: str, others: float = 0.0) -> Noise:
 
 def _starts(model: Model, record: Record) -> list[Local]:
     """Unknown start states of the model in a record."""
-    prior, found = record.start, []
+    found = []
     for i, state in enumerate(model.states()):
-        mean, sd = state.start, state.start_sd
-        if prior is not None:
-            if not prior.known:
-                sd = math.inf
-            mean = prior.mean.get(state.name, mean)
-            sd = prior.sd.get(state.name, sd)
+        mean, sd = start_in(state, record)
         if sd == 0.0:
             continue
         weight = UNKNOWN_START**-2 if math.isinf(sd) else 1.0
