@@ -227,8 +227,8 @@ def test_refined_changes_what_it_says():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"variation": "many"}, "a share from 0 to 0.5, or none"),
-        ({"variation": "0.9"}, "got '0.9'"),
+        ({"variation": "many"}, "got 'many', expected a number, or none"),
+        ({"variation": "0.9"}, "variation = 0.9, expected 0 to 0.5, or None"),
     ],
 )
 def test_faults_of_the_variability(settings, message):
