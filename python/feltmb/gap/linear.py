@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -14,7 +14,6 @@ from feltmb.data import Array
 from feltmb.fit.model import (
     Candidate,
     Effect,
-    Jobs,
     Sensitivity,
     SensitivityRequest,
     ShapeChange,
@@ -33,6 +32,7 @@ __all__ = [
     "magnitudes_at",
     "movable",
     "moved",
+    "request_at",
     "shapes_of",
     "spread_of",
     "start_states",
@@ -212,24 +212,29 @@ def start_states(problem: Problem, ask: Ask, r: int) -> Array:
     return start
 
 
+def request_at(problem: Problem, ask: Ask, r: int) -> SensitivityRequest:
+    """The simulation of a record at a point, and the derivatives that are wanted."""
+    x, observed = ask.point.x, ask.records[r]
+    included = shapes_of(problem, ask.members, x)
+    return SensitivityRequest(
+        observed.record,
+        theta_at(problem, x),
+        start_states(problem, ask, r),
+        included,
+        magnitudes_at(problem, ask.members, x),
+        by_theta=problem.free if ask.by_global else (),
+        by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, observed)),
+        candidates=problem.candidates(ask.further),
+        shape_changes=tuple(
+            c for c in _shape_changes(problem, ask) if included[c.effect].effect.rate is not None
+        ),
+        rough=ask.rough,
+    )
+
+
 def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
-    batches = []
-    for ask in asks:
-        included = shapes_of(problem, ask.members, ask.point.x)
-        theta = theta_at(problem, ask.point.x)
-        sizes = magnitudes_at(problem, ask.members, ask.point.x)
-        batches += [
-            (
-                o.record,
-                Jobs(
-                    theta=theta[None],
-                    starts=start_states(problem, ask, r)[None],
-                    included=included,
-                    magnitudes=sizes[None],
-                ),
-            )
-            for r, o in enumerate(ask.records)
-        ]
+    requests = [request_at(problem, ask, r) for ask in asks for r in range(len(ask.records))]
+    batches = [(request.record, request.jobs()) for request in requests]
     runs = iter(observe_all(problem.model, batches))
     out = []
     for ask in asks:
@@ -244,31 +249,9 @@ def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
 
 
 def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
-    requests: list[SensitivityRequest] = []
-    for ask in asks:
-        x = ask.point.x
-        included = shapes_of(problem, ask.members, x)
-        sizes = magnitudes_at(problem, ask.members, x)
-        theta = theta_at(problem, x)
-        changes = _shape_changes(problem, ask)
-        by_shape = tuple(c for c in changes if included[c.effect].effect.rate is not None)
-        for r, o in enumerate(ask.records):
-            requests.append(
-                SensitivityRequest(
-                    o.record,
-                    theta,
-                    start_states(problem, ask, r),
-                    included,
-                    sizes,
-                    by_theta=problem.free if ask.by_global else (),
-                    by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, o)),
-                    candidates=problem.candidates(ask.further),
-                    shape_changes=by_shape,
-                    rough=ask.rough,
-                )
-            )
+    requests = [request_at(problem, ask, r) for ask in asks for r in range(len(ask.records))]
     found_all = observed_sensitivities(problem.model, requests) if requests else []
-    by_shapes = iter(_by_shapes(problem, asks, found_all))
+    by_shapes = iter(_by_shapes(problem, asks, requests, found_all))
     found = iter(found_all)
     out = []
     for ask in asks:
@@ -332,36 +315,26 @@ def _shape_changes(problem: Problem, ask: Ask) -> list[ShapeChange]:
 
 
 def _by_shapes(
-    problem: Problem, asks: Sequence[Ask], found: Sequence[Sensitivity]
+    problem: Problem,
+    asks: Sequence[Ask],
+    requests: Sequence[SensitivityRequest],
+    found: Sequence[Sensitivity],
 ) -> Iterator[Array]:
-    """Outputs by the unknowns of shapes, (n, ny, s), by request and record.
+    """Outputs by the unknowns of shapes, (n, ny, s), by request.
 
     Those that the model does not differentiate are differences of simulations.
     """
-    batches, given = [], iter(found)
+    batches = []
     known: list[tuple[Array | None, list[ShapeChange], list[bool]]] = []
-    for ask in asks:
-        x, changes = ask.point.x, _shape_changes(problem, ask)
-        included = shapes_of(problem, ask.members, x)
-        theta, sizes = theta_at(problem, x), magnitudes_at(problem, ask.members, x)
-        for r, o in enumerate(ask.records):
-            d_shapes = next(given).d_shapes
-            exact = [
-                d_shapes is not None and included[c.effect].effect.rate is not None for c in changes
-            ]
-            known.append((d_shapes, changes, exact))
-            start = start_states(problem, ask, r)
-            for change in (c for c, done in zip(changes, exact, strict=True) if not done):
-                for shape in (change.upper, change.lower):
-                    other = list(included)
-                    other[change.effect] = Candidate(included[change.effect].effect, shape)
-                    jobs = Jobs(
-                        theta=theta[None],
-                        starts=start[None],
-                        included=tuple(other),
-                        magnitudes=sizes[None],
-                    )
-                    batches.append((o.record, jobs))
+    all_changes = [_shape_changes(problem, ask) for ask in asks for _ in ask.records]
+    for request, s, changes in zip(requests, found, all_changes, strict=True):
+        exact = [s.d_shapes is not None and c in request.shape_changes for c in changes]
+        known.append((s.d_shapes, changes, exact))
+        for change in (c for c, done in zip(changes, exact, strict=True) if not done):
+            for shape in (change.upper, change.lower):
+                other = list(request.included)
+                other[change.effect] = Candidate(other[change.effect].effect, shape)
+                batches.append((request.record, replace(request, included=tuple(other)).jobs()))
     runs = iter(observe_all(problem.model, batches) if batches else [])
     for s, (d_shapes, changes, exact) in zip(found, known, strict=True):
         columns = np.zeros((*s.outputs.shape, len(changes)))

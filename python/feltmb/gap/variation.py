@@ -12,12 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from feltmb.data import Array, Record
-from feltmb.fit.model import SensitivityRequest
 from feltmb.fit.noise import sd_of_knots
 from feltmb.fit.observe import observed_sensitivities
 from feltmb.gap.evidence import Fitted
 from feltmb.gap.fit import empty_point
-from feltmb.gap.linear import Ask, Point, magnitudes_at, shapes_of, start_states, theta_at
+from feltmb.gap.linear import Ask, Point, request_at
 from feltmb.gap.problem import Local, Members, Observed, Problem
 
 __all__ = ["varies", "with_variation"]
@@ -56,14 +55,10 @@ def _with_modes(
         replace(o, local=tuple(q for q in o.local if q.kind != "mode"), modes=None) for o in records
     ]
     point = Point(x, empty_point(problem, members, plain).local)
-    ask = Ask(members, point, tuple(plain))
+    ask = Ask(members, point, tuple(plain), by_global=False)
     requests = [
-        SensitivityRequest(
-            o.record,
-            theta_at(problem, x),
-            start_states(problem, ask, r),
-            shapes_of(problem, members, x),
-            magnitudes_at(problem, members, x),
+        replace(
+            request_at(problem, ask, r),
             by_theta=varying,
             by_starts=False,
             input_changes=tuple(_changes(o.record)),
