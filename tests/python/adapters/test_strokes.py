@@ -228,7 +228,7 @@ def test_refined_changes_what_it_says():
     ("settings", "message"),
     [
         ({"variation": "many"}, "got 'many', expected a number, or none"),
-        ({"variation": "0.9"}, "variation = 0.9, expected 0 to 0.5, or None"),
+        ({"variation": "0.9"}, "variation = 0.9, expected 0 to 0.5"),
     ],
 )
 def test_faults_of_the_variability(settings, message):
