@@ -198,12 +198,11 @@ def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
     """Write the model with what was found, and show how its file differs."""
     from difflib import unified_diff
 
-    source = model.original.source
-    old = "" if source is None else source.read_text("utf-8", "replace")
     say_written(model.write(path, force=force))
-    if source is not None and path.suffix == source.suffix:
+    old = model.original.text
+    if old and path.suffix == model.original.suffixes[0]:
         new = path.read_text("utf-8").splitlines()
-        lines = [*unified_diff(old.splitlines(), new, source.name, path.name, n=0, lineterm="")]
+        lines = [*unified_diff(old.splitlines(), new, "unchanged", path.name, n=0, lineterm="")]
         say("\n".join(lines[:DIFF]) + (f"\n... {len(lines) - DIFF} more" if lines[DIFF:] else ""))
     if model.left_out and path.suffix != ".toml":
         say(f"not in {path.name}: {', '.join(model.left_out)}; it has no place for them")

@@ -167,9 +167,9 @@ class Including(Model):
         return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
 
     @property
-    def source(self) -> Path | None:
+    def text(self) -> str:
         """See :class:`~feltmb.fit.Model`."""
-        return self._base.source
+        return self._base.text
 
     @property
     def suffixes(self) -> tuple[str, ...]:

@@ -7,8 +7,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
-from xml.parsers import expat
-from xml.parsers.expat import ExpatError
 
 import numpy as np
 
@@ -20,11 +18,7 @@ from feltmb.fit.model import Candidate
 from feltmb.fit.priors import Bounds, Priors, Unknowns, from_file
 from feltmb.fit.simulator import Simulator
 
-__all__ = [
-    "MujocoModel",
-    "changed_text",
-    "mujoco",
-]
+__all__ = ["MujocoModel", "mujoco"]
 
 #: Property of a joint -> unit by a slide and by a hinge, what it is, and how it is changed.
 JOINTS = {
@@ -234,9 +228,9 @@ class MujocoModel(Simulator):
     """The function, which makes changed models with ``mjcf.patched``."""
 
     @property
-    def source(self) -> Path:
-        """The file."""
-        return self.mjcf.path
+    def text(self) -> str:
+        """The file as MuJoCo writes it."""
+        return str(self.mjcf.spec.to_xml())
 
     @property
     def suffixes(self) -> tuple[str, ...]:
@@ -246,11 +240,12 @@ class MujocoModel(Simulator):
     def check_writing(self, path: Path) -> None:
         """See :class:`~feltmb.fit.Model`; a file that names other files stays in its folder."""
         super().check_writing(path)
-        refers = re.search(rb"""\sfile\s*=\s*["']""", self.source.read_bytes())
-        if path.suffix == ".xml" and refers and path.absolute().parent != self.source.parent:
+        source = self.mjcf.path
+        refers = re.search(rb"""\sfile\s*=\s*["']""", source.read_bytes())
+        if path.suffix == ".xml" and refers and path.absolute().parent != source.parent:
             raise InvalidParameter(
-                f"{path}: {self.source.name} names other files; expected a file in its folder, "
-                f"{self.source.parent}"
+                f"{path}: {source.name} names other files; expected a file in its folder, "
+                f"{source.parent}"
             )
 
     @checked
@@ -283,7 +278,7 @@ class MujocoModel(Simulator):
         provenance: str = "",
         force: bool = False,
     ) -> Path:
-        # The text of the file with other numbers, else the whole model as MuJoCo writes it.
+        # As MuJoCo writes it, without the comments of the file.
         if path.suffix != ".xml":
             return super().write(
                 path, theta, included, magnitudes, provenance=provenance, force=force
@@ -291,36 +286,10 @@ class MujocoModel(Simulator):
         self.check_writing(path)
         values, _ = self.numbers(theta, included, magnitudes)
         patched = self.mjcf.patched(values)
-        wanted = patched.compile()
-        try:
-            text = changed_text(self.source.read_bytes(), patched, values).decode()
-            spec = _mujoco().MjSpec.from_string(text)
-            spec.modelfiledir = str(self.source.parent)
-            same = _same(spec.compile(), wanted)
-        except (KeyError, ValueError, ExpatError):  # parts of the model are in other files
-            same = False
-        if not same:
-            text = patched.to_xml()
+        patched.compile()
         told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
         comment = f"<!-- {told.replace('--', '- -')} -->\n"
-        return write_text(path, _with_comment(text, comment), force=force)
-
-
-def _with_comment(text: str, comment: str) -> str:
-    """A text with a line before its root element."""
-    at = re.search(r"<\s*mujoco\b", text)
-    return text if at is None else text[: at.start()] + comment + text[at.start() :]
-
-
-def _same(one: Any, other: Any) -> bool:
-    """Whether two compiled models have the same numbers."""
-    names = [n for n in dir(one) if n.startswith(("body_", "dof_", "jnt_", "actuator_"))]
-    pairs = [(getattr(one, n), getattr(other, n)) for n in names]
-    return all(
-        np.shape(a) == np.shape(b) and np.allclose(a, b, rtol=1e-5, atol=1e-12)
-        for a, b in pairs
-        if isinstance(a, np.ndarray) and a.dtype.kind in "fiu"
-    )
+        return write_text(path, comment + patched.to_xml(), force=force)
 
 
 @checked
@@ -444,155 +413,3 @@ def _properties(mj: Any, model: Any) -> dict[str, _Property]:
         if name := model.body(i).name:
             found[f"{name}.mass"] = _Property(float(model.body_mass[i]), "kg", "", tested=False)
     return found
-
-
-# ---------------------------------------------------------------------------------- text of a file
-
-
-#: Attribute that is the gain, by the element of an actuator.
-_GAIN = {"position": "kp", "velocity": "kv", "general": "gainprm"}
-_TAG = re.compile(rb"""(?:[^>"']|"[^"]*"|'[^']*')*>""")
-
-
-@dataclass(frozen=True)
-class _Tag:
-    """A start tag, from its ``<`` to behind its ``>``."""
-
-    element: str
-    first: int
-    last: int
-
-
-def _tags(text: bytes) -> dict[tuple[str, str], _Tag]:
-    """Start tags of bodies, their inertials, joints and actuators, by kind and name."""
-    found: dict[tuple[str, str], _Tag] = {}
-    path: list[tuple[str, str]] = []
-    parser = expat.ParserCreate()
-
-    def start(element: str, attributes: dict[str, str]) -> None:
-        name = attributes.get("name", "")
-        part = path[1][0] if len(path) > 1 else ""
-        kind = element if part == "worldbody" else "actuator" if part == "actuator" else ""
-        if kind == "inertial":
-            name = path[-1][1]
-        path.append((element, name))
-        if kind in ("body", "joint", "inertial", "actuator") and name:
-            end = _TAG.match(text, parser.CurrentByteIndex)
-            assert end is not None
-            found[kind, name] = _Tag(element, parser.CurrentByteIndex, end.end())
-
-    parser.StartElementHandler = start
-    parser.EndElementHandler = lambda _element: path.pop()
-    parser.Parse(text, True)
-    return found
-
-
-def changed_text(text: bytes, patched: Any, values: Mapping[str, float]) -> bytes:
-    """Text of an MJCF file with the values of properties.
-
-    Parameters
-    ----------
-    text
-        Text of the file.
-    patched
-        Specification (``MjSpec``) with these values.
-    values
-        Values by property, such as ``elbow.damping``.
-
-    Raises
-    ------
-    KeyError
-        An element is not in the text, or has no attribute for a property.
-    """
-    tags = _tags(text)
-    attributes: dict[_Tag, dict[str, str]] = {}
-    splices: list[tuple[int, int, bytes]] = []
-    for name, value in values.items():
-        owner, _, what = name.rpartition(".")
-        if what == "mass":
-            body, tag = patched.body(owner), tags["body", owner]
-            numbers = {"pos": body.ipos, "quat": body.iquat, "mass": value,
-                       "diaginertia": body.inertia}  # fmt: skip
-            own = tags.get(("inertial", owner))
-            place = (own.first, own.last) if own else (tag.last, tag.last)
-            before = b"" if own else _indent(text, tag) + b"  "
-            splices.append((*place, before + _element("inertial", numbers)))
-        elif what == "backlash":
-            if value > 0.0:
-                tag = tags["joint", owner]
-                end = tag.last
-                if not text[:end].endswith(b"/>"):
-                    end = text.index(b">", text.index(b"</joint", end)) + 1
-                line = _indent(text, tag) + _element("joint", _free(patched, owner))
-                splices.append((end, end, line))
-        elif what == "gain":
-            tag = tags["actuator", owner]
-            key = _GAIN[tag.element]
-            new = {key: _shown(value)}
-            if key == "gainprm":
-                new["biasprm"] = _shown(patched.actuator(owner).biasprm[:3])
-            attributes.setdefault(tag, {}).update(new)
-        elif what == "delay":
-            actuator = patched.actuator(owner)
-            new = {"delay": _shown(value), "nsample": str(actuator.nsample)}
-            attributes.setdefault(tags["actuator", owner], {}).update(new)
-        elif what == "gear":
-            gear = {"gear": _shown(patched.actuator(owner).gear)}
-            attributes.setdefault(tags["actuator", owner], {}).update(gear)
-        else:
-            attributes.setdefault(tags["joint", owner], {}).update({what: _shown(value)})
-    for tag, new in attributes.items():
-        splices.append((tag.first, tag.last, _with(text[tag.first : tag.last], new)))
-    for first, last, replacement in sorted(splices, reverse=True):
-        text = text[:first] + replacement + text[last:]
-    return text
-
-
-def _free(patched: Any, owner: str) -> dict[str, Any]:
-    """Attributes of the joint of a backlash, all that a default could change included."""
-    joint = patched.joint(f"{owner}_backlash")
-    return {
-        "name": joint.name,
-        "type": joint.type.name.removeprefix("mjJNT_").lower(),
-        "axis": joint.axis,
-        "pos": joint.pos,
-        "limited": "true",
-        "range": joint.range,
-        "solreflimit": joint.solref_limit,
-        "armature": joint.armature,
-        "damping": 0,
-        "frictionloss": 0,
-        "stiffness": 0,
-    }
-
-
-def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else " ".join(f"{v:.8g}" for v in np.ravel(value))
-
-
-def _element(name: str, attributes: Mapping[str, Any]) -> bytes:
-    return f"<{name}{_listed(attributes)}/>".encode()
-
-
-def _listed(attributes: Mapping[str, Any]) -> str:
-    return "".join(f' {key}="{_shown(value)}"' for key, value in attributes.items())
-
-
-def _indent(text: bytes, tag: _Tag) -> bytes:
-    """Start of a new line with the indentation of a tag."""
-    line = text[text.rfind(b"\n", 0, tag.first) + 1 : tag.first]
-    return b"\n" + line if not line.strip() else b"\n"
-
-
-def _with(tag: bytes, attributes: Mapping[str, str]) -> bytes:
-    """A start tag with new values of attributes."""
-    text = tag.decode()
-    for key, value in attributes.items():
-        found = re.search(rf"""(?<=\s){key}\s*=\s*("[^"]*"|'[^']*')""", text)
-        close = re.search(r"\s*/?>$", text)
-        assert close is not None
-        if found is None:
-            text = f'{text[: close.start()]} {key}="{value}"{text[close.start() :]}'
-        else:
-            text = f'{text[: found.start()]}{key}="{value}"{text[found.end() :]}'
-    return text.encode()

@@ -591,9 +591,9 @@ class Model(ABC):
         return Ready(self, tuple(records))
 
     @property
-    def source(self) -> Path | None:
-        """Text file of which :meth:`write` changes parts; None: there is none."""
-        return None
+    def text(self) -> str:
+        """The unchanged file as :meth:`write` would write it; empty: a changed one is no text."""
+        return ""
 
     @property
     def suffixes(self) -> tuple[str, ...]:

@@ -103,7 +103,7 @@ def test_the_changed_mjcf_file_closes_the_gap_in_mujoco(tmp_path):
     last = measured[-1]
     seen = played(fixed, np.column_stack(list(last.inputs.values())))[:, 0]
     assert rms(seen - last.outputs["angle"]) == pytest.approx(promised(report, "angle"), rel=0.02)
-    old, new = source.read_text().splitlines(), fixed.read_text().splitlines()
+    old, new = model.text.splitlines(), fixed.read_text().splitlines()
     changed = [line for line in new if line not in old]
     assert len(changed) == 2  # a comment and the line of the joint
     assert len(new) == len(old) + 1
@@ -125,7 +125,7 @@ def test_the_changed_mjcf_file_closes_the_gap_in_mujoco(tmp_path):
     ],
 )
 def test_each_property_is_written_as_it_was_simulated(tmp_path, name, value):
-    pytest.importorskip("mujoco")
+    mujoco = pytest.importorskip("mujoco")
     source, fixed = tmp_path / "servo.xml", tmp_path / "fixed.xml"
     source.write_text(SERVO)
     time, control = controls(4, 0.5)
@@ -145,7 +145,12 @@ def test_each_property_is_written_as_it_was_simulated(tmp_path, name, value):
     for k, output in enumerate(("angle", "x")):
         np.testing.assert_allclose(seen[:, k], wanted[output], atol=1e-6)
     assert np.abs(seen - before).max() > 1e-3
-    assert "<!-- the arm -->" in fixed.read_text()
+    written = mujoco.MjModel.from_xml_path(str(fixed))
+    compiled = model.mjcf.patched({name: value}).compile()
+    for part in (n for n in dir(written) if n.startswith(("body_", "dof_", "jnt_", "actuator_"))):
+        np.testing.assert_allclose(getattr(written, part), getattr(compiled, part), rtol=1e-5)
+    changed = [n for n in fixed.read_text().splitlines() if n not in model.text.splitlines()]
+    assert 2 <= len(changed) <= 3  # a comment, and the lines of the property
 
 
 def test_an_unstable_run_has_no_numbers_and_writes_no_file(tmp_path, monkeypatch):
