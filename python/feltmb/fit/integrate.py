@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,11 +19,10 @@ __all__ = [
     "GAMMA",
     "Clock",
     "Law",
+    "Steps",
     "System",
     "Trajectory",
-    "advanced",
     "integrate",
-    "selected",
     "solved",
 ]
 
@@ -54,22 +53,23 @@ class Clock:
         model: Any,
         batches: Sequence[Batch],
         longest: int,
-        inputs: Sequence[Mapping[str, Array]] | None = None,
     ) -> Clock:
-        """Times and inputs of all jobs of several batches; ``inputs``: instead of the recorded."""
+        """Times and inputs of all jobs of several batches."""
         times: list[Array] = []
         signals: list[list[Array]] = [[] for _ in model.inputs]
         bends: list[list[Array]] = [[] for _ in model.inputs]
-        for k, (record, jobs) in enumerate(batches):
+        bent: dict[int, list[Array]] = {}
+        for record, jobs in batches:
             at = np.minimum(np.arange(longest), record.samples - 1)
             at = np.repeat(at[:, None], jobs.count, axis=1)
             times.append(record.time[at])
-            given = record.inputs if inputs is None else inputs[k]
-            values = [given[n] if n in given else 0.0 * record.time for n in model.inputs]
+            values = [record.inputs[n] for n in model.inputs]
             for i, value in enumerate(values):
                 signals[i].append(value[at])
             if model.hold in ("spline", "between"):
-                for i, bend in enumerate(_bends(record, values)):
+                if id(record) not in bent:
+                    bent[id(record)] = _bends(record, values)
+                for i, bend in enumerate(bent[id(record)]):
                     bends[i].append(bend[at])
         return cls(
             np.hstack(times),
@@ -174,11 +174,11 @@ class System:
     """Rates of the states of jobs, with the included effects of each.
 
     All arrays have one entry per job, or n entries per job: first those of the first job, then
-    those of the second one.
+    those of the second one. ``own``: False takes the effects alone, without the rates of the model.
     """
 
-    def __init__(self, model: Any, batches: Sequence[Batch]):
-        self.model = model
+    def __init__(self, model: Any, batches: Sequence[Batch], own: bool = True):
+        self.model, self.own = model, own
         self.names = [s.name for s in model._states]
         self.rows = {n: i for i, n in enumerate(self.names)}
         self.count = sum(jobs.count for _, jobs in batches)
@@ -234,20 +234,9 @@ class System:
 
     def rates(self, t: Array, x: Array, u: Named, p: Named, magnitudes: Array) -> Array:
         """Rates of all states, (size, n)."""
-        named, model, base = self.view(x), self.model, len(self.names)
-        out = np.empty_like(x)
-        with self._calling:
-            own_rates = tuple(model._rates(t, named, u, p))
-        if len(own_rates) != base:
-            raise InvalidParameter(
-                f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
-                f"each state: {', '.join(self.names)}"
-            )
-        for i, value in enumerate(own_rates):
-            if np.shape(value) not in ((), (1,), t.shape):
-                raise _wrong_shape(f"model {model.name}", self.names[i], value, t.size)
-            out[i] = value
-        out[base:] = 0.0
+        named, out = self.view(x), np.zeros(x.shape)
+        if self.own:
+            self._set_own(t, named, u, p, out)
         for k, law in self.laws:
             if law.jobs == (0, self.count):
                 for row, value in law.changes(
@@ -269,19 +258,33 @@ class System:
                 out[row, own] += value
         return out
 
-    def outputs(
-        self, t: Array, x: Array, u: Named, p: Named, slopes: Array | None, names: Sequence[str]
-    ) -> Array:
-        """These outputs, (outputs, n); ``slopes``: rates of the states, if an output needs them."""
+    def _set_own(self, t: Array, named: Named, u: Named, p: Named, out: Array) -> None:
+        """Set the rates of the model."""
+        model = self.model
+        with self._calling:
+            own_rates = tuple(model._rates(t, named, u, p))
+        if len(own_rates) != len(self.names):
+            raise InvalidParameter(
+                f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
+                f"each state: {', '.join(self.names)}"
+            )
+        for i, value in enumerate(own_rates):
+            if np.shape(value) not in ((), (1,), t.shape):
+                raise _wrong_shape(f"model {model.name}", self.names[i], value, t.size)
+            out[i] = value
+
+    def outputs(self, t: Array, x: Array, u: Named, p: Named, slopes: Array | None) -> Array:
+        """Outputs, (outputs, n); ``slopes``: rates of the states, if an output needs them."""
         named = self.view(x)
-        out = np.empty((len(names), t.size))
-        for o, name in enumerate(names):
-            of = self.model._outputs[name]
-            if isinstance(of, str):
-                out[o] = named[of]
-            elif isinstance(of, Rate):
+        out = np.zeros((len(self.model.outputs), t.size))
+        for o, (name, of) in enumerate(self.model._outputs.items()):
+            if isinstance(of, Rate):
                 assert slopes is not None
                 out[o] = slopes[self.rows[of.state]]
+            elif not self.own:
+                continue  # an effect changes the other outputs by the states
+            elif isinstance(of, str):
+                out[o] = named[of]
             else:
                 with calling(f"model {self.model.name}: its output {name}"):
                     out[o] = of(t, named, u, p)
@@ -333,7 +336,7 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
     for begun in (guesses, {}):
         some = [i for i in (begun or range(len(batches))) if i not in found]
         if some:
-            steps = _Steps(model, [batches[i] for i in some], longest)
+            steps = Steps(model, [batches[i] for i in some], longest)
             own = steps.integrated([begun[i] for i in some if begun], sum(i < keep for i in some))
             found |= {i: run for i, run in zip(some, own, strict=True) if run is not None}
     done = [found[i] for i in range(len(batches))]
@@ -383,13 +386,13 @@ def _by_job(values: Array) -> Array:
     return values.T.reshape(-1)
 
 
-class _Steps:
+class Steps:
     """Steps of all jobs between samples, several samples at once."""
 
-    def __init__(self, model: Any, batches: Sequence[Batch], longest: int):
+    def __init__(self, model: Any, batches: Sequence[Batch], longest: int, own: bool = True):
         self.model, self.batches, self.longest = model, batches, longest
         self.clock = Clock.of(model, batches, longest)
-        self.equations = System(model, batches)
+        self.equations = System(model, batches, own)
         self.forces: Array | None = None
         if batches[0][1].forces is not None:
             self.forces = np.concatenate([q.forces for _, q in batches if q.forces is not None])
@@ -435,7 +438,7 @@ class _Steps:
             else:
                 states, passed = self._corrected(ahead, x, guess[:, :, first:], lost)
             x, states = states[:, :, -1], states[:, :, : len(j)]
-            outputs[j] = self._outputs(j, states).T
+            outputs[j] = self.outputs(j, states).T
             samples[j] = np.moveaxis(states[:, :kept], -1, 0)
             if kept and len(ahead):
                 stages[ahead] = np.moveaxis(passed[..., :kept, :], -1, 0)
@@ -501,33 +504,56 @@ class _Steps:
         lost |= ~settled
         return path, stages.reshape(*stages.shape[:-1], count, len(j))
 
-    def after(self, j: Integers, x: Array) -> tuple[Array, Array]:
+    def after(self, j: Integers, x: Array, motion: Array | None = None) -> tuple[Array, Array]:
         """States after the intervals that begin at the samples j, and at their stages.
 
         ``x``: states at the samples, (states, n), those of a job together. The stages are
-        (substeps, stages, states, n).
+        (substeps, stages, states, n). ``motion``: known first states at the stages.
         """
-        time, model = self.clock.time, self.model
-        t = _by_job(time[j])
-        h = _by_job(time[j + 1] - time[j]) / self.substeps
-        halves = np.arange(2 * self.substeps + 1) / (2 * self.substeps)
-        u = self._inputs(j, halves)
-        half, stages = 0.5 * h, []
-        for s in range(self.substeps):
-            u0, um, u1 = u[2 * s : 2 * s + 3]
-            t0 = t + s * h
-            instants = [(t0, u0), (t0 + half, um), (t0 + half, um), (t0 + h, u1)]
-            if model.method == "rosenbrock":
-                instants = instants[::3]
-            x, passed = advanced(
-                lambda k, y, at=instants: self.rates(at[k][0], y, at[k][1]),  # type: ignore[misc]
-                model.method,
-                h,
-                x,
-                self.equations.scales.repeat(len(j), axis=1),
-            )
+        h, stages = self._durations(j), []
+        scales = self.equations.scales.repeat(len(j), axis=1)
+        for s, instants in enumerate(self._instants(j, h)):
+
+            def rates(k: int, y: Array, s: int = s, at: Any = instants) -> Array:
+                if motion is not None:
+                    y = np.vstack([motion[s, k], y[motion.shape[2] :]])
+                return self.rates(at[k][0], y, at[k][1])
+
+            x, passed = advanced(rates, self.model.method, h, x, scales)
             stages.append(passed)
         return x, np.array(stages)
+
+    def slopes(self, j: Integers, stages: Array) -> Array:
+        """Rates at the stages, (substeps, stages, states, jobs, j), in the intervals from j.
+
+        Effects alone give those of the states of the model. ``stages``: states, of the same shape.
+        """
+        shape = *stages.shape[:3], -1
+        found = [
+            [self.rates(t, x, u) for (t, u), x in zip(instants, own, strict=True)]
+            for instants, own in zip(
+                self._instants(j, self._durations(j)), stages.reshape(shape), strict=True
+            )
+        ]
+        out = np.array(found).reshape(*stages.shape)
+        return out if self.equations.own else out[:, :, : len(self.equations.names)]
+
+    def _durations(self, j: Integers) -> Array:
+        """Durations of the steps of each job in the intervals from the samples j."""
+        return _by_job(self.clock.time[j + 1] - self.clock.time[j]) / self.substeps
+
+    def _instants(self, j: Integers, h: Array) -> Iterator[list[tuple[Array, Named]]]:
+        """Times and inputs at the stages of each step in the intervals from the samples j.
+
+        ``h``: durations of the steps.
+        """
+        t = _by_job(self.clock.time[j])
+        u = self._inputs(j, np.arange(2 * self.substeps + 1) / (2 * self.substeps))
+        for s in range(self.substeps):
+            begin = t + s * h
+            middle = begin + 0.5 * h, u[2 * s + 1]
+            instants = [(begin, u[2 * s]), middle, middle, (begin + h, u[2 * s + 2])]
+            yield instants[::3] if self.model.method == "rosenbrock" else instants
 
     def _inputs(self, j: Integers, shares: Array) -> list[Named]:
         """Inputs at these shares of the intervals that begin at the samples j."""
@@ -581,14 +607,14 @@ class _Steps:
             for state, value in pushed.items():
                 out[self.equations.rows[state]] += value
 
-    def _outputs(self, j: Integers, x: Array) -> Array:
+    def outputs(self, j: Integers, x: Array) -> Array:
         """Outputs, (outputs, jobs, len(j)), at the samples j with the states (states, jobs, j)."""
-        model, flat = self.model, x.reshape(len(x), -1)
+        flat = x.reshape(len(x), -1)
         t, u = _by_job(self.clock.time[j]), self._inputs(j, np.zeros(1))[0]
         p, _ = self._of_jobs(len(j))
-        shows_rates = any(isinstance(of, Rate) for of in model._outputs.values())
+        shows_rates = any(isinstance(of, Rate) for of in self.model._outputs.values())
         slopes = self.rates(t, flat, u) if shows_rates else None
-        found = self.equations.outputs(t, flat, u, p, slopes, model.outputs)
+        found = self.equations.outputs(t, flat, u, p, slopes)
         return found.reshape(-1, x.shape[1], len(j))
 
 

@@ -11,7 +11,7 @@ import copy
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
@@ -41,8 +41,12 @@ __all__ = [
     "SensitivityRequest",
     "ShapeChange",
     "State",
+    "changed_jobs",
+    "changed_runs",
     "difference_offsets",
+    "difference_sensitivities",
     "prior_jobs",
+    "sensitivity_of",
     "start_in",
 ]
 
@@ -744,52 +748,108 @@ def difference_offsets(
 def difference_sensitivities(
     model: Model, requests: Sequence[SensitivityRequest]
 ) -> list[Sensitivity]:
-    """Central differences by parameters, magnitudes and start states.
+    """Central differences of simulations.
 
     One-sided differences of second order are used where a bound or the sign of an effect excludes
     one side.
     """
-    changed = [_changed_jobs(model, request) for request in requests]
-    batches = [(r.record, jobs) for r, (jobs, _) in zip(requests, changed, strict=True)]
+    changed = [changed_runs(model, request) for request in requests]
+    runs = iter(model.simulate_all([batch for batches, _ in changed for batch in batches]))
     found = []
-    for request, run, (_, columns) in zip(
-        requests, model.simulate_all(batches), changed, strict=True
-    ):
-        a = len(request.parameters_of(model))
-        b = a + len(request.included)
-        found.append(
-            Sensitivity(
-                outputs=run[0],
-                d_theta=derived(run, columns[:a]),
-                d_magnitudes=derived(run, columns[a:b]),
-                d_starts=derived(run, columns[b:]),
-                d_candidates=np.zeros((*run.shape[1:], len(request.candidates))),
-            )
-        )
-    _add_candidates(model, requests, found)
+    for request, (batches, columns) in zip(requests, changed, strict=True):
+        own = [next(runs) for _ in batches]
+        by = np.zeros((*own[0].shape[1:], len(columns)))
+        with np.errstate(invalid="ignore", over="ignore"):  # a failed simulation is NaN
+            for c, column in enumerate(columns):
+                for batch, row, weight in column:
+                    by[..., c] += weight * (own[batch][row] - own[0][0])
+        found.append(sensitivity_of(model, request, own[0][0], by))
     return found
 
 
-def derived(runs: Array, columns: Sequence[Weighted]) -> Array:
-    """Derivatives, (n, ny, columns), from changed runs, (B, n, ny), of which the first is the base.
+def sensitivity_of(
+    model: Model, request: SensitivityRequest, outputs: Array, columns: Array
+) -> Sensitivity:
+    """Outputs and their derivatives, (n, ny, columns) in the order of :func:`changed_runs`."""
+    counts = (
+        len(request.parameters_of(model)),
+        len(request.included),
+        request.start.size if request.by_starts else 0,
+        len(request.candidates),
+        len(request.input_changes),
+        len(request.shape_changes),
+    )
+    names = ("theta", "magnitudes", "starts", "candidates", "inputs", "shapes")
+    first, parts = 0, {}
+    for name, count in zip(names, counts, strict=True):
+        parts[f"d_{name}"] = columns[..., first : first + count]
+        first += count
+    return Sensitivity(outputs=outputs, **parts)
+
+
+def changed_runs(
+    model: Model, request: SensitivityRequest, state_step: float | None = None
+) -> tuple[list[Batch], list[list[tuple[int, int, float]]]]:
+    """Changed simulations of a request, and their use.
+
+    Returns batches, of which the first row of the first is the point without a change. For each
+    variable of differentiation, several rows are given as batch, row and weight of its difference
+    from the point: parameters, magnitudes, start states, candidates, changes of inputs, and of
+    shapes.
 
     Parameters
     ----------
-    runs
-        Outputs of the runs.
-    columns
-        For each variable, the changed runs and their weights.
+    model, request
+        Model and request.
+    state_step
+        Change of the start states, as a share of their scales; default: a tenth of that of the
+        parameters.
     """
-    out = np.zeros((*runs.shape[1:], len(columns)))
-    with np.errstate(invalid="ignore", over="ignore"):
-        for c, entry in enumerate(columns):
-            for row, weight in entry:
-                out[..., c] += weight * (runs[row] - runs[0])
-    return out
+    jobs, weighted = changed_jobs(model, request, state_step)
+    batches: list[Batch] = [(request.record, jobs)]
+    columns = [[(0, row, weight) for row, weight in column] for column in weighted]
+    for at in range(0, len(request.candidates), TOGETHER):
+        jobs, weighted = _with_candidates(model, request, request.candidates[at : at + TOGETHER])
+        columns += [[(len(batches), row, weight) for row, weight in c] for c in weighted]
+        batches.append((request.record, jobs))
+    pairs: list[tuple[Batch, Batch, float]] = []
+    point = request.jobs()
+    for change in request.input_changes:
+        one, other = (
+            request.record.with_inputs(
+                {n: request.record.inputs[n] + sign * v for n, v in change.items()}
+            )
+            for sign in (1.0, -1.0)
+        )
+        pairs.append(((one, point), (other, point), 2.0))
+    for shape in request.shape_changes:
+        one_of, other_of = (
+            replace(point, included=_replaced(request.included, shape.effect, value))
+            for value in (shape.upper, shape.lower)
+        )
+        pairs.append(((request.record, one_of), (request.record, other_of), shape.width))
+    for upper, lower, width in pairs:
+        columns.append([(len(batches), 0, 1.0 / width), (len(batches) + 1, 0, -1.0 / width)])
+        batches += [upper, lower]
+    return batches, columns
 
 
-def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
-    """Jobs with changes of parameters, magnitudes and start states, and their use by column."""
+def _replaced(included: tuple[Candidate, ...], place: int, shape: Any) -> tuple[Candidate, ...]:
+    """Candidates, one of them with another shape."""
+    return tuple(replace(c, shape=shape) if k == place else c for k, c in enumerate(included))
+
+
+def changed_jobs(
+    model: Model, request: SensitivityRequest, state_step: float | None = None
+) -> tuple[Jobs, list[Weighted]]:
+    """Jobs with changes of parameters, magnitudes and start states, and their use by column.
+
+    Parameters
+    ----------
+    model, request, state_step
+        As for :func:`changed_runs`.
+    """
+    share = 0.1 * model.difference_step if state_step is None else state_step
     included, states = request.included, model.states(request.included)
     base = {
         "theta": np.asarray(request.theta, dtype=np.float64),
@@ -814,40 +874,30 @@ def _changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list
         add("magnitudes", i, model._offsets(candidate.effect, base["magnitudes"][i]))
     if request.by_starts:
         for i, state in enumerate(states):
-            step = 0.1 * model.difference_step * state.scale
+            step = share * state.scale
             add("starts", i, difference_offsets(base["starts"][i], step, -np.inf, np.inf))
     return Jobs(included=included, **{k: np.array(v) for k, v in rows.items()}), columns
 
 
-def _add_candidates(
-    model: Model, requests: Sequence[SensitivityRequest], found: Sequence[Sensitivity]
-) -> None:
-    """Compute the derivatives by the candidates, several in one simulation of the model."""
-    groups: list[tuple[Sensitivity, list[int], list[Weighted]]] = []
-    batches: list[Batch] = []
-    for request, s in zip(requests, found, strict=True):
-        for at in range(0, len(request.candidates), TOGETHER):
-            which = list(range(len(request.candidates)))[at : at + TOGETHER]
-            some = tuple(request.candidates[c] for c in which)
-            states = model.states((*request.included, *some))
-            rows, columns = [np.zeros(len(some))], []
-            for c, candidate in enumerate(some):
-                entry = []
-                for size, weight in model._offsets(candidate.effect, 0.0):
-                    entry.append((len(rows), weight))
-                    rows.append(np.zeros(len(some)))
-                    rows[-1][c] = size
-                columns.append(entry)
-            hidden = [h.start for h in states[request.start.size :]]
-            count = len(rows)
-            jobs = Jobs(
-                theta=np.tile(request.theta, (count, 1)),
-                starts=np.tile([*request.start, *hidden], (count, 1)),
-                included=(*request.included, *some),
-                magnitudes=np.hstack([np.tile(request.sizes, (count, 1)), np.array(rows)]),
-            )
-            groups.append((s, which, columns))
-            batches.append((request.record, jobs))
-    runs = model.simulate_all(batches) if batches else []
-    for (s, which, columns), run in zip(groups, runs, strict=True):
-        s.d_candidates[..., which] = derived(run, columns)
+def _with_candidates(
+    model: Model, request: SensitivityRequest, some: tuple[Candidate, ...]
+) -> tuple[Jobs, list[Weighted]]:
+    """Jobs with two magnitudes of each of some candidates, and their use by column."""
+    rows, columns = [np.zeros(len(some))], []
+    for c, candidate in enumerate(some):
+        entry = []
+        for size, weight in model._offsets(candidate.effect, 0.0):
+            entry.append((len(rows), weight))
+            rows.append(np.zeros(len(some)))
+            rows[-1][c] = size
+        columns.append(entry)
+    states = model.states((*request.included, *some))
+    hidden = [h.start for h in states[request.start.size :]]
+    count = len(rows)
+    jobs = Jobs(
+        theta=np.tile(request.theta, (count, 1)),
+        starts=np.tile([*request.start, *hidden], (count, 1)),
+        included=(*request.included, *some),
+        magnitudes=np.hstack([np.tile(request.sizes, (count, 1)), np.array(rows)]),
+    )
+    return jobs, columns

@@ -21,6 +21,7 @@ from feltmb.fit.model import (
     Sensitivity,
     SensitivityRequest,
     difference_offsets,
+    difference_sensitivities,
 )
 
 __all__ = [
@@ -297,28 +298,15 @@ def _offsets(candidate: Candidate, at: float) -> tuple[tuple[float, float], tupl
 def _with_input_changes(
     model: Model, requests: Sequence[SensitivityRequest], found: Sequence[Sensitivity]
 ) -> list[Sensitivity]:
-    """Add derivatives by changes of the inputs where the model did not compute them.
-
-    Central differences between simulations with the whole change added and subtracted.
-    """
-    batches = [
-        (request.record.with_inputs(_added(request.record, change, sign)), request.jobs())
-        for request, s in zip(requests, found, strict=True)
-        if s.d_inputs is None
-        for change in request.input_changes
-        for sign in (1.0, -1.0)
+    """Add derivatives by changes of the inputs where the model did not compute them."""
+    out = list(found)
+    lacking = [i for i, s in enumerate(found) if s.d_inputs is None]
+    fewer = [
+        replace(requests[i], by_theta=(), by_starts=False, candidates=(), shape_changes=())
+        for i in lacking
     ]
-    runs = iter(model.simulate_all(batches) if batches else [])
-    out = []
-    for request, s in zip(requests, found, strict=True):
-        if s.d_inputs is None:
-            by = np.zeros((*s.outputs.shape, len(request.input_changes)))
-            with np.errstate(invalid="ignore", over="ignore"):  # a failed simulation is NaN
-                for k in range(by.shape[-1]):
-                    more, less = next(runs), next(runs)
-                    by[..., k] = 0.5 * (more[0] - less[0])
-            s = replace(s, d_inputs=by)
-        out.append(s)
+    for i, s in zip(lacking, difference_sensitivities(model, fewer), strict=True):
+        out[i] = replace(out[i], d_inputs=s.d_inputs)
     return out
 
 
