@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -378,11 +377,6 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
 # ------------------------------------------------------------------------------------------ delays
 
 
-#: Largest number of samples for which a spline on a uniform clock is applied as a cached matrix;
-#: the same delay is needed for many columns.
-MATRIX = 400
-
-
 def shifted(record: Record, y: Array, delays: Array) -> Array:
     """Outputs as a sensor with a delay shows them: y(t - delay), by cubic splines.
 
@@ -404,19 +398,16 @@ def shifted(record: Record, y: Array, delays: Array) -> Array:
         Delayed outputs, (B, n); rows with values that are not finite are unchanged.
     """
     out: Array = np.array(y, dtype=np.float64)
-    good = np.all(np.isfinite(out), axis=1)
-    n, interval, time = y.shape[1], record.interval, _times(record, y.shape[1])
+    good, n = np.all(np.isfinite(out), axis=1), y.shape[1]
+    time = np.arange(n) * record.interval if record.even else record.time[:n]
     for delay in np.unique(delays[good & (delays != 0.0)]):
         rows = np.flatnonzero(good & (delays == delay))
-        if record.even and n <= MATRIX:
-            out[rows] = out[rows] @ _matrix(n, interval, float(delay)).T
-        else:
-            out[rows] = continued(time, out[rows, :, None], time - delay)[:, :, 0]
+        out[rows] = continued(time, out[rows, :, None], time - delay)[:, :, 0]
     return out
 
 
 def delayed(record: Record, y: Array, delay: float) -> Array:
-    """As :func:`shifted` for outputs (n, ...) with one delay, which is needed only once.
+    """As :func:`shifted` for outputs (n, ...) with one delay.
 
     Columns with values that are not finite are unchanged.
 
@@ -429,27 +420,8 @@ def delayed(record: Record, y: Array, delay: float) -> Array:
     delay
         Delay [s].
     """
-    out = y.reshape(len(y), -1).copy()
-    good = np.isfinite(out).all(axis=0)
-    if delay == 0.0 or not good.any():
-        return y
-    time = _times(record, len(y))
-    out[:, good] = continued(time, out[None, :, good], time - delay)[0]
-    return out.reshape(y.shape)
-
-
-def _times(record: Record, count: int) -> Array:
-    """The times of the first samples."""
-    return np.asarray(np.arange(count) * record.interval if record.even else record.time[:count])
-
-
-@lru_cache(maxsize=128)
-def _matrix(count: int, interval: float, delay: float) -> Array:
-    """Matrix from the samples to the delayed samples."""
-    time: Array = np.asarray(np.arange(count) * interval)
-    out: Array = continued(time, np.eye(count)[None], time - delay)[0]
-    out.setflags(write=False)
-    return out
+    columns = y.reshape(len(y), -1).T
+    return shifted(record, columns, np.full(len(columns), delay)).T.reshape(y.shape)
 
 
 def continued(time: Array, values: Array, want: Array) -> Array:
@@ -500,40 +472,28 @@ def low_passed(clock: Array, y: Array, constants: Array, starts: Array | None = 
     out = np.array(y, dtype=np.float64)
     if y.shape[1] < 2:
         return out
-    filtered = _even if evenly_spaced(clock) else _uneven
+    step = np.maximum(np.diff(clock), 0.0)
+    if evenly_spaced(clock):  # whatever the rounding of the clock
+        step[:] = step[0]
     for constant in np.unique(constants[constants > 0.0]):
         rows = np.flatnonzero(constants == constant)
-        step = clock[1] - clock[0]
-        first = y[rows, 0] - constant * (y[rows, 1] - y[rows, 0]) / max(step, 1e-300)
+        first = y[rows, 0] - constant * (y[rows, 1] - y[rows, 0]) / max(step[0], 1e-300)
         if starts is not None:
             first = np.where(np.isfinite(starts[rows]), starts[rows], first)
-        out[rows] = filtered(clock, y[rows], constant, first)
+        out[rows] = _filtered(step / constant, y[rows], first)
     return out
 
 
-def _even(time: Array, y: Array, constant: float, first: Array) -> Array:
-    """Filter on an even clock, from its first value."""
+def _filtered(steps: Array, y: Array, first: Array) -> Array:
+    """Filter from its first value; ``steps``: those of the clock, in time constants."""
     from scipy.linalg import solve_banded  # starts ten times as fast as scipy.signal
 
-    step = float(time[1] - time[0])
-    decay, share = np.exp(-step / constant), constant / step
-    new = 1.0 + share * np.expm1(-step / constant)
-    old = -np.expm1(-step / constant) - new
-    # out[j] - decay * out[j - 1] = new * y[j] + old * y[j - 1]
-    right = new * y
-    right[:, 1:] += old * y[:, :-1]
+    loss = -np.expm1(-steps)
+    new = 1.0 - np.divide(loss, steps, out=np.ones_like(steps), where=steps > 0.0)
+    # out[j] - (1 - loss) * out[j - 1] = new * y[j] + (loss - new) * y[j - 1]
+    right = np.empty_like(y)
     right[:, 0] = first
-    bands = np.array([np.ones(time.size), np.full(time.size, -decay)])
+    right[:, 1:] = new * y[:, 1:] + (loss - new) * y[:, :-1]
+    bands = np.ones((2, y.shape[1]))
+    bands[1, :-1] = loss - 1.0
     return np.asarray(solve_banded((1, 0), bands, right.T, check_finite=False).T)
-
-
-def _uneven(time: Array, y: Array, constant: float, first: Array) -> Array:
-    """Filter on any clock, from its first value."""
-    out = np.empty_like(y)
-    out[:, 0] = first
-    for j in range(1, y.shape[1]):
-        h = max(float(time[j] - time[j - 1]), 0.0)
-        ramp = (y[:, j] - y[:, j - 1]) / h if h > 0.0 else np.zeros(len(y))
-        before = out[:, j - 1] - (y[:, j - 1] - constant * ramp)
-        out[:, j] = y[:, j] - constant * ramp + before * np.exp(-h / constant)
-    return out
