@@ -327,7 +327,7 @@ class Equations(Model):
         own = (Equations.simulate, Equations.simulate_all)
         if (type(self).simulate, type(self).simulate_all) != own:  # a subclass overrides them
             return super().sensitivities(requests)
-        self._check_inputs([(r.record, r.jobs()) for r in requests])
+        self._check_inputs([r.record for r in requests])
         with np.errstate(all="ignore"):
             found = variational_sensitivities(self, requests)
         jump = [i for i, s in enumerate(found) if s is None]
@@ -338,7 +338,7 @@ class Equations(Model):
         return [s for s in found if s is not None]
 
     def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
-        self._check_inputs(batches)
+        self._check_inputs([record for record, _ in batches])
         groups: dict[object, list[int]] = {}
         for i, (_, jobs) in enumerate(batches):
             groups.setdefault(None if jobs.forces is None else jobs.forces.shape[2], []).append(i)
@@ -352,16 +352,6 @@ class Equations(Model):
                 found = integrate(self, [batches[i] for i in group]).runs
                 runs.update(zip(group, found, strict=True))
         return [runs[i] for i in range(len(batches))]
-
-    def _check_inputs(self, batches: Sequence[Batch]) -> None:
-        """Check that the records have the inputs."""
-        for record, _ in batches:
-            missing = [n for n in self.inputs if n not in record.inputs]
-            if missing:
-                raise InvalidParameter(
-                    f"record {record.name}: model {self.name} needs the input "
-                    f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
-                )
 
 
 def _units_of(outputs: Mapping[str, Any], states: Sequence[State]) -> dict[str, str]:

@@ -686,6 +686,16 @@ class Model(ABC):
         del record, outputs
         return []
 
+    def _check_inputs(self, records: Sequence[Record]) -> None:
+        """Check that the records have the inputs of the model."""
+        for record in records:
+            missing = [n for n in self.inputs if n not in record.inputs]
+            if missing:
+                raise InvalidParameter(
+                    f"record {record.name}: model {self.name} needs the input "
+                    f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
+                )
+
     def _offsets(self, of: Parameter | Effect, at: float) -> tuple[tuple[float, float], ...]:
         """Changes of a parameter or magnitude, each with its weight in the derivative."""
         if isinstance(of, Parameter):

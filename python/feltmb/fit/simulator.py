@@ -121,18 +121,13 @@ class _Variable:
     high: float
     value: float
 
-    def side(self, change: float) -> float:
-        """A change of this size to the permitted side."""
-        return change if self.value + change <= self.high else -change
-
     @property
     def trials(self) -> tuple[float, float]:
         """Two changes: to both sides, or both to the permitted one."""
-        h = TRIAL * self.size
-        if self.value - h >= self.low and self.value + h <= self.high:
-            return h, -h
-        side = h if self.value + 2.0 * h <= self.high else -h
-        return side, 2.0 * side
+        (one, _), (other, _) = difference_offsets(
+            self.value, TRIAL * self.size, self.low, self.high
+        )
+        return one, other
 
 
 @checked
@@ -292,15 +287,6 @@ class Simulator(Model):
         notes += [*sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
 
-    def _check_inputs(self, records: Sequence[Record]) -> None:
-        for record in records:
-            missing = [n for n in self.inputs if n not in record.inputs]
-            if missing:
-                raise InvalidParameter(
-                    f"record {record.name}: model {self.name} needs the input "
-                    f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
-                )
-
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
         """All parameters of the function, with the values without unknown effects."""
         values = dict(zip((p.name for p in self.parameters), map(float, theta), strict=True))
@@ -330,7 +316,11 @@ class Simulator(Model):
             return Run.of(record, self.inputs, values)
 
         # Along one direction that changes all parameters, to the permitted side.
-        way = {v.name: v.side(v.size) for v in rows if v.name not in self._jumps}
+        way = {
+            v.name: v.size if v.value + v.size <= v.high else -v.size
+            for v in rows
+            if v.name not in self._jumps
+        }
         runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
         runs += [moved({v.name: o}) for v in rows for o in v.trials]
         seen = self._runner.values(runs)
