@@ -26,8 +26,6 @@ __all__ = [
     "solved",
 ]
 
-#: Number of evaluations of the rates in a step, by method.
-STAGES = {"rk4": 4, "rosenbrock": 2}
 #: Numbers of a state that are integrated at once.
 BLOCK = 16_000
 #: Largest number of corrections of a motion, and the relative size of the last one.
@@ -298,14 +296,12 @@ def selected(values: Named, own: slice) -> Named:
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Results of an integration, with the states at which it evaluated the rates."""
+    """Results of an integration."""
 
     runs: list[Array]
     """Outputs by batch, (B, n, ny)."""
     samples: Array
     """States at the samples, (longest, states, jobs); empty if not wanted."""
-    stages: Array
-    """States of the stages, (longest - 1, substeps, stages, states, jobs)."""
 
 
 def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory:
@@ -340,26 +336,14 @@ def integrate(model: Any, batches: Sequence[Batch], keep: int = 0) -> Trajectory
             own = steps.integrated([begun[i] for i in some if begun], sum(i < keep for i in some))
             found |= {i: run for i, run in zip(some, own, strict=True) if run is not None}
     done = [found[i] for i in range(len(batches))]
+    size = max((run.samples.shape[1] for run in done[:keep]), default=0)
+    samples = [
+        np.pad(run.samples, ((0, 0), (0, size - run.samples.shape[1]), (0, 0)))
+        for run in done[:keep]
+    ]
     return Trajectory(
-        [run.runs[0] for run in done],
-        _together([run.samples for run in done], keep),
-        _together([run.stages for run in done], keep),
+        [run.runs[0] for run in done], np.concatenate([np.zeros((longest, size, 0)), *samples], -1)
     )
-
-
-def _together(states: Sequence[Array], keep: int) -> Array:
-    """States of the first batches along one axis of jobs, with zeros for further states."""
-    if not keep:
-        return states[0]
-    size = max(values.shape[-2] for values in states[:keep])
-    return np.concatenate([_with_states(values, size) for values in states[:keep]], axis=-1)
-
-
-def _with_states(values: Array, size: int) -> Array:
-    """Values with zeros for further states, (..., size, jobs)."""
-    wide = [(0, 0)] * values.ndim
-    wide[-2] = (0, size - values.shape[-2])
-    return np.pad(values, wide) if wide[-2][1] else values
 
 
 def _last_motion(model: Any, record: Record, jobs: Jobs, longest: int) -> Array | None:
@@ -424,9 +408,6 @@ class Steps:
         kept = int(ends[keep - 1]) if keep else 0
         outputs = np.empty((longest, count, len(model.outputs)))
         samples = np.empty((longest, size, kept))
-        stages = np.empty(
-            (longest - 1 if kept else 0, self.substeps, STAGES[model.method], size, kept)
-        )
         firsts = np.empty((longest, size, len(counts)))
         lost = np.zeros(count, dtype=bool)
         block = max(1, BLOCK // count)
@@ -434,14 +415,12 @@ class Steps:
             j = np.arange(first, min(first + block, longest))
             ahead = j[j < longest - 1]
             if guess is None:
-                states, passed = self._in_turn(ahead, x)
+                states = self._in_turn(ahead, x)
             else:
-                states, passed = self._corrected(ahead, x, guess[:, :, first:], lost)
+                states = self._corrected(ahead, x, guess[:, :, first:], lost)
             x, states = states[:, :, -1], states[:, :, : len(j)]
             outputs[j] = self.outputs(j, states).T
             samples[j] = np.moveaxis(states[:, :kept], -1, 0)
-            if kept and len(ahead):
-                stages[ahead] = np.moveaxis(passed[..., :kept, :], -1, 0)
             firsts[j] = np.moveaxis(states[:, ends - counts], -1, 0)
         out: list[Trajectory | None] = []
         for k, ((record, jobs), end) in enumerate(zip(self.batches, ends, strict=True)):
@@ -453,24 +432,17 @@ class Steps:
             if model._motions is not None and np.isfinite(path).all():
                 model._motions[_motion_key(record, jobs.included)] = path.copy()
             run = np.ascontiguousarray(np.moveaxis(outputs[: record.samples, own], 0, 1))
-            out.append(Trajectory([run], samples[..., own], stages[..., own]))
+            out.append(Trajectory([run], samples[..., own]))
         return out
 
-    def _in_turn(self, j: Integers, x: Array) -> tuple[Array, Array]:
-        """States at the samples j and after them, and at the stages, one sample after another.
-
-        (states, jobs, len(j) + 1), and (substeps, stages, states, jobs, len(j)).
-        """
-        states, passed = [x], []
+    def _in_turn(self, j: Integers, x: Array) -> Array:
+        """States at the samples j and after them, (states, jobs, len(j) + 1), one after another."""
+        states = [x]
         for i in range(len(j)):
-            x, stages = self.after(j[i : i + 1], x)
-            states.append(x)
-            passed.append(stages)
-        return np.stack(states, axis=-1), np.stack(passed, axis=-1) if passed else np.zeros(0)
+            states.append(self.after(j[i : i + 1], states[-1])[0])
+        return np.stack(states, axis=-1)
 
-    def _corrected(
-        self, j: Integers, begin: Array, guess: Array, lost: NDArray[np.bool_]
-    ) -> tuple[Array, Array]:
+    def _corrected(self, j: Integers, begin: Array, guess: Array, lost: NDArray[np.bool_]) -> Array:
         """The same by Newton's method from a guess of the states at the samples.
 
         ``lost``: jobs for which it has failed; further ones are marked.
@@ -482,7 +454,7 @@ class Steps:
         far = np.full(count, np.inf)
         for k in range(TRIES + 1):
             x = path[:, :, :-1].reshape(size, -1)
-            end, stages = self.after(j, x)
+            end, _ = self.after(j, x)
             settled = far < SETTLED
             if (settled | lost).all() or k == TRIES:
                 break
@@ -502,7 +474,7 @@ class Steps:
             far = (np.abs(steps.T) / (np.abs(path[:, :, 1:]) + scales)).max(axis=(0, 2), initial=0)
             lost |= ~np.isfinite(far)
         lost |= ~settled
-        return path, stages.reshape(*stages.shape[:-1], count, len(j))
+        return path
 
     def after(self, j: Integers, x: Array, motion: Array | None = None) -> tuple[Array, Array]:
         """States after the intervals that begin at the samples j, and at their stages.

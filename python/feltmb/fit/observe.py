@@ -399,7 +399,7 @@ def shifted(record: Record, y: Array, delays: Array) -> Array:
     """
     out: Array = np.array(y, dtype=np.float64)
     good, n = np.all(np.isfinite(out), axis=1), y.shape[1]
-    time = np.arange(n) * record.interval if record.even else record.time[:n]
+    time = np.asarray(np.arange(n) * record.interval if record.even else record.time[:n])
     for delay in np.unique(delays[good & (delays != 0.0)]):
         rows = np.flatnonzero(good & (delays == delay))
         out[rows] = continued(time, out[rows, :, None], time - delay)[:, :, 0]

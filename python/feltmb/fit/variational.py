@@ -147,6 +147,13 @@ class _Variation:
         self.size = max(r.start.size for r in requests)
         points = [(r.record, r.jobs()) for r in requests]
         self.run = integrate(model, [*points, *moved], keep=len(points))
+        self.samples = np.moveaxis(self.run.samples, 0, -1)
+        """States at the samples, (states, requests, longest)."""
+        steps, x = Steps(model, points, self.longest), self.samples[..., :-1]
+        stages = steps.after(np.arange(self.longest - 1), x.reshape(len(x), -1))[1]
+        self.stages = stages.reshape(*stages.shape[:3], *x.shape[1:])
+        """States at the stages, (substeps, stages, states, requests, longest - 1)."""
+        self.time = steps.clock.time.T
         self.columns: list[list[Column]] = []
         self._add_changes()
         self._add_candidates()
@@ -224,10 +231,10 @@ class _Variation:
 
         They are driven by the motions alone.
         """
-        stages, base = self.run.stages, self.base
+        stages, base = self.stages, self.base
         hidden, rows = self.alone.equations.size - base if self.alone else 0, len(self.candidates)
-        self.at_samples = np.zeros((self.longest, hidden, rows))
-        self.at_stages = np.zeros((*stages.shape[:3], hidden, rows))
+        self.at_samples = np.zeros((hidden, rows, self.longest))
+        self.at_stages = np.zeros((*stages.shape[:2], hidden, rows, self.longest - 1))
         own = [
             (record, replace(jobs, magnitudes=0.0 * jobs.magnitudes))
             for record, jobs in batches
@@ -237,13 +244,13 @@ class _Variation:
             return
         x = np.hstack([_longer(jobs.starts.T, base + hidden) for _, jobs in own])
         count = x.shape[1]
-        motions = stages[:, :, :, :base, self.of[self.candidates[:count]]]
+        motions = np.moveaxis(stages[:, :, :base, self.of[self.candidates[:count]]], -1, 0)
         steps = self._steps_of_hidden(own, x, motions)
-        self.at_samples[:, :, :count] = x[base:]
+        self.at_samples[:, :count] = x[base:, :, None]
         for j, motion in enumerate(motions):
             x, passed = steps.after(np.array([j]), x, motion)
-            self.at_stages[j, :, :, :, :count] = passed[:, :, base:]
-            self.at_samples[j + 1, :, :count] = x[base:]
+            self.at_stages[..., :count, j] = passed[:, :, base:]
+            self.at_samples[:, :count, j + 1] = x[base:]
 
     def _steps_of_hidden(self, batches: Sequence[Batch], x: Array, motions: Array) -> Steps:
         """Steps with all shapes of an effect as arrays, if its rate is the same with them."""
@@ -263,17 +270,17 @@ class _Variation:
     def _derived(self, of: Function, j: Integers, motions: Array, memory: Array) -> Array:
         """Derivatives of a function of rows, (requests, j, ..., values, columns).
 
-        ``motions``: states at the samples j, (j, ..., states, requests); ``memory``: hidden states
-        of the candidates, (j, ..., hidden, rows).
+        ``motions``: states at the samples j, (..., states, requests, j); ``memory``: hidden states
+        of the candidates, (..., hidden, rows, j).
         """
         alone = len(self.candidates)
-        x = motions[..., self.of[: len(self.of) - alone]] + self.offsets
-        values = of(self.changed, j, np.moveaxis(x, 0, -1))
+        x = motions[..., self.of[: len(self.of) - alone], :] + self.offsets[..., None]
+        values = of(self.changed, j, x)
         *outer, count, _, n = values.shape
         rest = np.zeros((*outer, count, alone + 1, n))
         if self.alone:
-            x = np.concatenate([motions[..., : self.base, self.of[self.candidates]], memory], -2)
-            own = of(self.alone, j, np.moveaxis(x, 0, -1))
+            own_motions = motions[..., : self.base, self.of[self.candidates], :]
+            own = of(self.alone, j, np.concatenate([own_motions, memory], axis=-3))
             rest[..., : own.shape[-3], :-1, :] = own
         values, total = np.concatenate([values, rest], axis=-2), np.zeros(())
         for row, other, weight in zip(self.rows, self.others, self.weights, strict=True):
@@ -316,22 +323,23 @@ class _Variation:
         s = np.zeros((len(requests), n, columns))
         for i, r in enumerate(requests):
             s[i, : r.start.size, self._starts(r)] = np.eye(r.start.size)
-        time = self.changed.clock.time[:, np.unique(self.of, return_index=True)[1]]
-        substeps, count = run.stages.shape[1:3]
-        block = max(1, BLOCK // (len(self.of) * n * substeps * count))
+        substeps, stages = self.stages.shape[:2]
+        block = max(1, BLOCK // (len(self.of) * n * substeps * stages))
         for first in range(0, self.longest, block):
             j = np.arange(first, min(first + block, self.longest))
             ahead = j[j < self.longest - 1]
             if len(ahead):
-                by = self._derived(Steps.slopes, ahead, run.stages[ahead], self.at_stages[ahead])
-                h = (time[ahead + 1] - time[ahead]).T / substeps
+                by = self._derived(
+                    Steps.slopes, ahead, self.stages[..., ahead], self.at_stages[..., ahead]
+                )
+                h = (self.time[:, ahead + 1] - self.time[:, ahead]) / substeps
                 changes = np.ascontiguousarray(np.moveaxis(self._steps(by, h), 1, 0))
             path = np.empty((len(j), *s.shape))
             for k in range(len(j)):
                 path[k] = s
                 if k < len(ahead):
                     s = s + changes[k, ..., :n] @ s + changes[k, ..., n:]
-            by = self._derived(Steps.outputs, j, run.samples[j], self.at_samples[j])
+            by = self._derived(Steps.outputs, j, self.samples[..., j], self.at_samples[..., j])
             d[:, j] = by[..., :n] @ np.moveaxis(path, 1, 0) + by[..., n:]
         return [
             sensitivity_of(self.model, r, run[0], own[: run.shape[1]])
