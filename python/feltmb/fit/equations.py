@@ -14,7 +14,7 @@ from feltmb.arguments import checked
 from feltmb.data import Array, Record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
-from feltmb.fit.integrate import integrate
+from feltmb.fit.integrate import effects_of, integrate
 from feltmb.fit.model import (
     BETWEEN,
     INTERPOLATION,
@@ -347,8 +347,8 @@ class Equations(Model):
             for group in groups.values():  # jobs with the same effects follow each other
                 first: dict[object, int] = {}
                 for i in group:
-                    first.setdefault(_effects_of(batches[i][1]), i)
-                group.sort(key=lambda i: first[_effects_of(batches[i][1])])
+                    first.setdefault(effects_of(batches[i][1]), i)
+                group.sort(key=lambda i: first[effects_of(batches[i][1])])
                 found = integrate(self, [batches[i] for i in group]).runs
                 runs.update(zip(group, found, strict=True))
         return [runs[i] for i in range(len(batches))]
@@ -364,11 +364,6 @@ def _units_of(outputs: Mapping[str, Any], states: Sequence[State]) -> dict[str, 
         elif isinstance(of, Rate) and units.get(of.state, "1") != "1":
             found[name] = _per_second(units[of.state])
     return found
-
-
-def _effects_of(jobs: Jobs) -> tuple[tuple[int, str], ...]:
-    """Key of the included effects with their shapes."""
-    return tuple((id(t.effect), repr(t.shape)) for t in jobs.included)
 
 
 def _same_kind(one: str, other: str) -> bool:

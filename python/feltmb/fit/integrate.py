@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ __all__ = [
     "Steps",
     "System",
     "Trajectory",
+    "effects_of",
     "integrate",
     "solved",
 ]
@@ -128,7 +130,7 @@ class Law:
         self._calling = calling(f"effect {candidate.name}: its rate")
 
     def changes(
-        self, t: Array, x: Any, named: Named, u: Named, p: Named, magnitude: Array, shape: Any
+        self, t: Array, x: Any, named: Named, u: Named, p: Named, magnitude: Array
     ) -> list[tuple[int, Any]]:
         """Row of a state and change of its rate, for every state that the effect changes.
 
@@ -141,7 +143,7 @@ class Law:
             held = {name: x[row] for name, row in self.memory.items()}
             seen = Named._of({**named._values, **held})
         with self._calling:
-            change: Any = own(t, seen, u, p, magnitude, shape)
+            change: Any = own(t, seen, u, p, magnitude, self.candidate.shape)
         if not isinstance(change, Mapping):
             raise InvalidParameter(
                 f"effect {effect.name}: rate returned {type(change).__name__}, expected a "
@@ -159,6 +161,11 @@ class Law:
                 raise _wrong_shape(f"effect {effect.name}", name, value, t.size)
             found.append((row, value))
         return found
+
+
+def effects_of(jobs: Jobs) -> tuple[tuple[int, str], ...]:
+    """Key of the included effects with their shapes."""
+    return tuple((id(t.effect), repr(t.shape)) for t in jobs.included)
 
 
 def _wrong_shape(of: str, state: str, value: Any, count: int) -> InvalidParameter:
@@ -190,41 +197,30 @@ class System:
         theta = np.vstack([jobs.theta for _, jobs in batches])
         self.p = Named({q.name: theta[:, i] for i, q in enumerate(model.parameters)})
         self._calling = calling(f"model {model.name}: its rates function")
-        at = 0
-        known: dict[object, tuple[int, int]] = {}
-        for _, jobs in batches:
-            end, included = at + jobs.count, jobs.included
+        end = 0
+        for _, group in groupby((jobs for _, jobs in batches), effects_of):
+            same = list(group)
+            begin, end = end, end + sum(jobs.count for jobs in same)
+            included = same[0].included
             states = model.states(included)
-            self.scales[: len(states), at:end] = np.array([[s.scale] for s in states])
-            key = tuple((id(t.effect), repr(t.shape)) for t in included)
+            self.scales[: len(states), begin:end] = np.array([[s.scale] for s in states])
             if included:
-                self.magnitudes[: len(included), at:end] = jobs.magnitudes.T
-            if key in known and known[key][1] == at:  # the batch before has the same effects
-                known[key] = (known[key][0], end)
-            else:
-                self._close(known)
-                known = {key: (at, end)}
-                self._waiting = included
-            at = end
-        self._close(known)
-
-    def _close(self, known: Mapping[Any, tuple[int, int]]) -> None:
-        """Add the laws of consecutive jobs with the same included effects."""
-        for span in known.values():
+                sizes = np.vstack([jobs.magnitudes for jobs in same])
+                self.magnitudes[: len(included), begin:end] = sizes.T
             row = len(self.names)
-            for k, candidate in enumerate(self._waiting):
-                self.laws.append((k, self.law(candidate, row, span)))
+            for k, candidate in enumerate(included):
+                self._check_names(candidate)
+                self.laws.append((k, Law(self.names, candidate, row, (begin, end))))
                 row += len(candidate.effect.hidden)
 
-    def law(self, candidate: Candidate, memory: int, jobs: tuple[int, int] | None = None) -> Law:
-        """The law of a candidate for some jobs, by default for all."""
+    def _check_names(self, candidate: Candidate) -> None:
+        """Refuse hidden states with the name of a state of the model."""
         taken = [h.name for h in candidate.effect.hidden if h.name in self.rows]
         if taken:
             raise InvalidParameter(
                 f"effect {candidate.name}: its hidden state {taken[0]!r} has the name "
                 f"of a state of model {self.model.name}; rename one of them"
             )
-        return Law(self.names, candidate, memory, jobs or (0, self.count))
 
     def view(self, x: Any) -> Named:
         """States of the model by name."""
@@ -237,9 +233,7 @@ class System:
             self._set_own(t, named, u, p, out)
         for k, law in self.laws:
             if law.jobs == (0, self.count):
-                for row, value in law.changes(
-                    t, x, named, u, p, magnitudes[k], law.candidate.shape
-                ):
+                for row, value in law.changes(t, x, named, u, p, magnitudes[k]):
                     out[row] += value
                 continue
             own = slice(*(e * (t.size // self.count) for e in law.jobs))
@@ -251,7 +245,6 @@ class System:
                 selected(u, own),
                 selected(p, own),
                 magnitudes[k, own],
-                law.candidate.shape,
             ):
                 out[row, own] += value
         return out
