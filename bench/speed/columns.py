@@ -3,8 +3,8 @@
 python bench/speed/columns.py [--stroke NAME] [--repeat N]
 
 Columns are those of a diagnosis: tolerances, then effects of the library that bring no states of
-their own, up to 10 ms after the strike. Processor time of one pass, versions of the mechanism
-included, over that of the stroke alone; the two in turn, the median.
+their own, up to 10 ms after the strike. Processor time of one pass, whose versions of the mechanism
+are known, over that of the stroke alone; the two in turn, the median.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
-from feltmb.adapters.derivatives import added_states
+from feltmb.adapters.derivatives import TOLERANCE, added_states, forward_sensitivities
 from feltmb.data import Record
 from feltmb.fit import Candidate, SensitivityRequest
 
@@ -43,7 +43,7 @@ def main() -> None:
     record = Record(name=stroke.name, time=clock, inputs={"force": stroke.at(clock)}, outputs=zeros)
     candidates = [Candidate(e, s) for e in effects for s in e.shapes]
     candidates = [c for c in candidates if not added_states(model.simulator, record, c)]
-    theta, whole = np.zeros(len(model.parameters)), np.array([[0, clock.size - 1]], dtype=np.intp)
+    theta = np.zeros(len(model.parameters))
     base = model.simulator.version(record, theta, (), np.zeros(0))
 
     def strokes() -> None:
@@ -53,13 +53,12 @@ def main() -> None:
         by_theta = range(min(count, len(model.parameters)))
         more = tuple(candidates[: count - len(by_theta)])
 
-        def columns(by_theta: range = by_theta, more: tuple[Candidate, ...] = more) -> None:
-            model.forget()
-            request = SensitivityRequest(
-                record, theta, whole, np.zeros((1, 0)), by_theta=by_theta, candidates=more
-            )
-            model.sensitivities([request])
+        request = SensitivityRequest(record, theta, np.zeros(0), by_theta=by_theta, candidates=more)
 
+        def columns(request: SensitivityRequest = request) -> None:
+            forward_sensitivities(model.simulator, request, tolerance=TOLERANCE)
+
+        columns()
         ratios, times = [], []
         for _ in range(options.repeat):
             each = []
