@@ -114,6 +114,7 @@ void bind_sensitivity(py::module_& m) {
         py::dict out;
         out["steps"] = r.counts.steps;
         out["rejected"] = r.counts.rejected;
+        out["linearizations"] = r.counts.linearizations;
         out["factorizations"] = r.counts.factorizations;
         out["rhs"] = r.counts.rhs;
         out["switches"] = r.counts.switches;

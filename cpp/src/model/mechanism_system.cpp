@@ -473,6 +473,36 @@ void MechanismSystem::add_string_answers() {
   }
 }
 
+template <class Visit>
+void MechanismSystem::visit_slopes(Visit&& visit) {
+  const auto whole = [&](auto& matrix) { visit(matrix.data(), at(matrix.size())); };
+  for (auto* matrix : {&mass_, &base_stiffness_, &base_damping_}) whole(*matrix);
+  for (int i = 0; i < coupling_count_; ++i) {
+    StringCoupling& c = couplings_[at(i)];
+    for (double* number : {&c.force, &c.by_compression, &c.by_rate, &c.strike_speed}) {
+      visit(number, 1);
+    }
+    for (auto* vector : {&c.force_column, &c.compression_column, &c.gradient, &c.rate_gradient,
+                         &c.strike, &c.slope_force}) {
+      whole(*vector);
+    }
+    visit(phi_.data() + c.shape, at(c.count));
+    visit(dphi_.data() + c.shape, at(c.count));
+  }
+}
+
+void MechanismSystem::slopes(std::vector<double>& out) {
+  out.clear();
+  visit_slopes([&](const double* from, std::size_t n) { out.insert(out.end(), from, from + n); });
+}
+
+void MechanismSystem::set_slopes(std::span<const double> slopes) {
+  visit_slopes([&](double* to, std::size_t n) {
+    std::copy_n(slopes.begin(), n, to);
+    slopes = slopes.subspan(n);
+  });
+}
+
 bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
   modal::newton_factors(at(active_modes()), gamma, modal_stiffness_.data(), modal_damping_.data(),

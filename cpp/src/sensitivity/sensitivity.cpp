@@ -129,6 +129,7 @@ class SegmentRun {
         variational.advance(s.time, marks_, next, sample);
       }
       if (s.kind == SwitchKind::kEnd) continue;
+      if (s.kind != SwitchKind::kZone) variational.turn();  // friction is smooth
       pass(trajectory, s, columns);
       if (s.kind == SwitchKind::kClosing && is_sought(s.index)) {
         const bool shifts = s.direction > 0 && time_derivative_.allFinite();

@@ -150,15 +150,16 @@ double ShiftedModels::level(std::size_t rule, int parameter, std::size_t node) c
 }
 
 void ShiftedModels::rates(double t, std::span<const double> y, std::span<const double> memory,
-                          const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
-  loads_.setZero(base_->coordinates(), static_cast<Eigen::Index>(columns()));
+                          const Eigen::MatrixXd& memory_columns, RowMatrix& out, RowMatrix& loads) {
+  loads.setZero(base_->coordinates(), static_cast<Eigen::Index>(columns()));
   out.setZero(out.rows(), static_cast<Eigen::Index>(columns()));
   has_base_ = false;
   find_pieces(*base_);
   one_.resize(base_->coordinates());
+  const Drive drive = base_->drive(t);
   for (std::size_t j = 0; j < parameters_.size(); ++j) {
     const Changes& changes = changes_[j];
-    if (!told_by_parts(changes, t)) {
+    if (!told_by_parts(changes, drive)) {
       whole_rates(j, t, y, memory, out);
       continue;
     }
@@ -174,19 +175,17 @@ void ShiftedModels::rates(double t, std::span<const double> y, std::span<const d
     }
     if (changes.strings) add_modes(j, y, out);
     for (const int k : condensed_) one_[k] = 0.0;
-    loads_.col(static_cast<Eigen::Index>(j)) = one_;
+    loads.col(static_cast<Eigen::Index>(j)) = one_;
   }
-  if (!memory.empty()) memory_rates(memory_columns, out);
+  if (!memory.empty()) memory_rates(memory_columns, out, loads);
 }
 
 /// Whether the forces of the parts that changed, each at the state of the base, are all there is.
-bool ShiftedModels::told_by_parts(const Changes& changes, double t) const {
+bool ShiftedModels::told_by_parts(const Changes& changes, const Drive& drive) const {
   if (changes.motions) return false;
-  if (changes.input || changes.finger) {
-    const Drive drive = base_->drive(t);
-    if ((is_prescribed(drive.kind) && changes.finger) ||
-        (drive.kind == InputKind::kMotion && changes.input))
-      return false;
+  if ((is_prescribed(drive.kind) && changes.finger) ||
+      (drive.kind == InputKind::kMotion && changes.input)) {
+    return false;
   }
   if (changes.shapes) {
     for (const StringContact& c : mechanism_->string_contacts) {
@@ -253,7 +252,8 @@ const ShiftedModels::Node& ShiftedModels::nearest(const std::vector<Node>& nodes
   return nodes[best];
 }
 
-void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out) {
+void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out,
+                                 RowMatrix& loads) {
   Dynamics& dynamics = base_->dynamics();
   const int n = base_->coordinates();
   constexpr double shift = 1e-9;  // m of remembered compression
@@ -288,7 +288,7 @@ void ShiftedModels::memory_rates(const Eigen::MatrixXd& memory_columns, RowMatri
       out.row(2 * n + contact.first_state + static_cast<int>(i)) += rates[i] * row;
     }
     if (force == 0.0) continue;
-    loads_.noalias() += (force * by_force(c)) * row;
+    loads.noalias() += (force * by_force(c)) * row;
     for (Eigen::Index j = 0; j < row.cols(); ++j) add_string_force(c, force * row[j], j, out);
   }
 }

@@ -78,15 +78,15 @@ class ShiftedModels {
   SimulationState rest() const;
   const Columns& rest_columns() const { return rest_columns_; }
 
-  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S', but for what
-  /// loads() holds. The base must have been linearized there. `out` has the rows that are wanted:
-  /// all, or those before the strings'.
+  /// d f / d parameter at fixed state, memory moving: the inhomogeneous part of S'. The base must
+  /// have been linearized there. `out` has the rows that are wanted: all, or those before the
+  /// strings'. It lacks the generalized `loads` (n_coordinates, n_columns): M^-1 of them belongs to
+  /// the rows of the speeds.
   void rates(double t, std::span<const double> y, std::span<const double> memory,
-             const Eigen::MatrixXd& memory_columns, RowMatrix& out);
+             const Eigen::MatrixXd& memory_columns, RowMatrix& out, RowMatrix& loads);
 
-  /// Generalized forces that the last rates() left out (n_coordinates, n_columns): M^-1 of them
-  /// belongs to the rows of the speeds.
-  const RowMatrix& loads() const { return loads_; }
+  /// Pieces of the contacts where rates() was evaluated last.
+  const std::vector<int>& pieces() const { return pieces_; }
 
   /// Total derivative of any function of the model at a fixed time.
   /// @param function  (MechanismSystem&, t, y, out span, index of the parameter's node or -1)
@@ -161,7 +161,7 @@ class ShiftedModels {
   std::vector<int> pieces_;  ///< of the contacts of the model at hand
   void find_pieces(const MechanismSystem& system);
   bool on_pieces(const MechanismSystem& system) const;
-  bool told_by_parts(const Changes& changes, double t) const;
+  bool told_by_parts(const Changes& changes, const Drive& drive) const;
   void add_contact(std::size_t j, const Changes::OfContact& of, double t, std::span<const double> y,
                    RowMatrix& out);
   void add_string_force(std::size_t contact, double force, Eigen::Index column, RowMatrix& out);
@@ -174,7 +174,7 @@ class ShiftedModels {
   void add_modes(std::size_t j, std::span<const double> y, RowMatrix& out) const;
   void whole_rates(std::size_t j, double t, std::span<const double> y,
                    std::span<const double> memory, RowMatrix& out);
-  void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out);
+  void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out, RowMatrix& loads);
   const Eigen::VectorXd& by_force(std::size_t contact);  ///< dQ/dF of a closed contact
   bool closed(std::size_t contact) const { return base_->dynamics().contacts()[contact].closed; }
   void base_rates(std::span<const double> y);
@@ -182,7 +182,6 @@ class ShiftedModels {
   std::vector<int> condensed_;  ///< coordinates without an equation
   std::vector<std::vector<Node>> parameters_;
   std::vector<Changes> changes_;  ///< by parameter
-  RowMatrix loads_;               ///< generalized forces of the columns, of the stage at hand
   std::size_t directions_ = 0;
   Rest rest_;
   Columns rest_columns_;

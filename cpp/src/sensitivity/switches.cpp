@@ -74,7 +74,11 @@ class Finder {
   /// Looks at entry i of root or piece (both begin with the contacts) alone.
   void look_at_one(double t, std::size_t i, Look& out) {
     if (i >= mechanism_.contacts.size()) return look_at(t, out);
-    trajectory_.interpolate_all(t, y_);
+    if (mechanism_.contacts[i].string_contact >= 0) {
+      trajectory_.interpolate_all(t, y_);
+    } else {
+      trajectory_.interpolate(t, y_);
+    }
     probe_.locate_only(t, y_, {&i, 1});
     look_at_contact(i, out);
   }

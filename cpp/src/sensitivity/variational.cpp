@@ -58,6 +58,7 @@ Variational::Variational(ShiftedModels& models, Trajectory& trajectory, double t
   for (Eigen::Index j = 0; j < count; ++j) floor_[j] = models.floor(static_cast<std::size_t>(j));
   y_.resize(models.base().size());
   start_.resize(y_.size());
+  blends_ = models.base().law_states() == 0 && !is_prescribed(models.base().drive(0.0).kind);
 }
 
 bool Variational::touched(double t) {
@@ -86,7 +87,7 @@ void Variational::add_motion(double t, double from, double to, double factor, Ro
 }
 
 /// Adds what an input that changes does to f shift^T: its rate at a fixed state, at (t, y_).
-void Variational::add_drift(double t, double from, double to) {
+void Variational::add_drift(double t, double from, double to, RowMatrix& rate) {
   MechanismSystem& probe = models_.probe();
   const double low = std::max(from, t - 1e-7);
   const double high = std::min(to, t + 1e-7);
@@ -101,10 +102,10 @@ void Variational::add_drift(double t, double from, double to) {
   probe.rhs(low, y_, {motion_.data(), y_.size()});
   probe.rhs(high, y_, {drift_.data(), y_.size()});
   drift_ = (drift_ - motion_) / (high - low);
-  rate_.noalias() += drift_.head(rows_) * shift_.transpose();
+  rate.noalias() += drift_.head(rows_) * shift_.transpose();
 }
 
-void Variational::stage(int i, double t, double h, double from, double to) {
+void Variational::look(Point& point, double t, double from, double to) {
   const std::size_t node = trajectory_.interpolate(t, y_);
   MechanismSystem& base = models_.base();
   const auto memory = trajectory_.memory(node);
@@ -112,21 +113,59 @@ void Variational::stage(int i, double t, double h, double from, double to) {
     std::copy(memory.begin(), memory.end(), base.dynamics().largest_compression().begin());
   }
   base.linearize(t, y_);
+  ++counts_.linearizations;
+  base.slopes(point.slopes);
+  point.time = t;
+  point.rate.resize(rows_, columns_.state.cols());
+  models_.rates(t, y_, memory, columns_.memory, point.rate, point.loads);
+  point.pieces = models_.pieces();
+  if (shift_.size() > 0) add_drift(t, from, to, point.rate);
+}
+
+/// J and B of the second stage, at t, from those at the start of the step and of the other two
+/// stages: between switches each number is a parabola of time. False if they can not tell it.
+bool Variational::blend(double t, double h) {
+  const Point& first = points_[0];
+  const Point& last = points_[2];
+  const auto alike = [&](const Point& other) {
+    return other.pieces == last.pieces && other.slopes.size() == last.slopes.size() &&
+           other.rate.rows() == last.rate.rows();
+  };
+  if (!alike(start_point_) || !alike(first) || first.time - start_point_.time < 0.1 * h ||
+      last.time - first.time < 0.1 * h) {
+    return false;
+  }
+  const auto weight = [&](const Point& own, const Point& one, const Point& two) {
+    return (t - one.time) * (t - two.time) / ((own.time - one.time) * (own.time - two.time));
+  };
+  const double a = weight(start_point_, first, last);
+  const double b = weight(first, start_point_, last);
+  const double c = weight(last, start_point_, first);
+  Point& out = points_[1];
+  out.slopes.resize(last.slopes.size());
+  for (std::size_t k = 0; k < out.slopes.size(); ++k) {
+    out.slopes[k] = a * start_point_.slopes[k] + b * first.slopes[k] + c * last.slopes[k];
+  }
+  out.rate = a * start_point_.rate + b * first.rate + c * last.rate;
+  out.loads = a * start_point_.loads + b * first.loads + c * last.loads;
+  return true;
+}
+
+void Variational::stage(int i, double h) {
+  MechanismSystem& base = models_.base();
   if (!base.factorize(kGamma * h)) {
-    throw Error(format("sensitivities: the Newton matrix is singular at t = %.9g s", t));
+    throw Error(
+        format("sensitivities: the Newton matrix is singular at t = %.9g s", time_ + kC[i] * h));
   }
   ++counts_.factorizations;
-  rate_.resize(rows_, columns_.state.cols());
-  models_.rates(t, y_, memory, columns_.memory, rate_);
-  if (shift_.size() > 0) add_drift(t, from, to);
   // (I - gamma h J) Z = U + gamma h B, k = (Z - U) / (gamma h).
   const double g = kGamma * h;
   RowMatrix& start = slope_[i];
   start = columns_.state.topRows(rows_);
   if (i == 1) start += (h * kA21) * slope_[0];
   if (i == 2) start += (h * kB1) * slope_[0] + (h * kB2) * slope_[1];
-  stage_ = start + g * rate_;
-  base.solve_many(stage_, &models_.loads());
+  stage_ = start + g * points_[i].rate;
+  base.solve_many(stage_, &points_[i].loads);
   slope_[i] = (1.0 / g) * (stage_ - start);
 }
 
@@ -140,9 +179,23 @@ void Variational::measure(const Rows& columns, Eigen::RowVectorXd& size) const {
 }
 
 bool Variational::step(double h, double from, double to) {
+  // Stages stay inside the stretch: at its ends a law may already be on the other branch.
+  const auto place = [&](int i) { return std::clamp(time_ + kC[i] * h, from, to); };
+  bool blended = false;
+  if (blends_) {
+    if (!has_start_point_) look(start_point_, std::max(time_, from), from, to);
+    has_start_point_ = true;
+    look(points_[0], place(0), from, to);
+    look(points_[2], place(2), from, to);
+    blended = blend(place(1), h);
+  }
   for (int i = 0; i < 3; ++i) {
-    // Stages stay inside the stretch: at its ends a law may already be on the other branch.
-    stage(i, std::clamp(time_ + kC[i] * h, from, to), h, from, to);
+    if (blended) {
+      models_.base().set_slopes(points_[i].slopes);
+    } else {
+      look(points_[i], place(i), from, to);
+    }
+    stage(i, h);
   }
   difference_ =
       (h * (kB1 - kE1)) * slope_[0] + (h * (kB2 - kE2)) * slope_[1] + (h * kGamma) * slope_[2];
@@ -218,6 +271,7 @@ void Variational::advance(double end, const std::vector<double>& times, std::siz
     forget(time_, reached);
     columns_.state.topRows(rows_) = stage_;
     present_ = size_;
+    std::swap(start_point_, points_[2]);
     largest_ = largest_.cwiseMax(size_);
     // A step cut short by the end says nothing about the next.
     if (!last || factor < 1.0) h_ = h * factor;

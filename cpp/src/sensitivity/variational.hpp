@@ -30,6 +30,9 @@ class Variational {
     shift_ = shift;
     ++version_;
   }
+  /// J and B may jump here.
+  void turn() { has_start_point_ = false; }
+
   const Eigen::VectorXd& shift() const { return shift_; }
   long version() const { return version_; }  ///< of the shift
 
@@ -39,13 +42,23 @@ class Variational {
                const Sample& sample);
 
  private:
+  /// J and B at one time.
+  struct Point {
+    double time = 0.0;
+    std::vector<double> slopes;  ///< J, see MechanismSystem::slopes
+    std::vector<int> pieces;     ///< that the contacts are on
+    RowMatrix rate, loads;       ///< B, see ShiftedModels::rates
+  };
+
   template <class Rows>
   void measure(const Rows& columns, Eigen::RowVectorXd& size) const;
   bool touched(double t);
   bool step(double h, double from, double to);
-  void stage(int i, double t, double h, double from, double to);
+  void look(Point& point, double t, double from, double to);
+  bool blend(double t, double h);
+  void stage(int i, double h);
   void add_motion(double t, double from, double to, double factor, RowMatrix& columns);
-  void add_drift(double t, double from, double to);
+  void add_drift(double t, double from, double to, RowMatrix& rate);
   void forget(double from, double to);
 
   ShiftedModels& models_;
@@ -58,7 +71,10 @@ class Variational {
   Eigen::Index rows_ = 0;            ///< that are integrated: all, or those before the strings'
   std::optional<FreeColumns> free_;  ///< none without strings
   std::vector<double> start_;        ///< whole state at the start of a step
-  RowMatrix slope_[3], stage_, rate_, difference_;
+  Point start_point_, points_[3];    ///< at the start of a step, and of its stages
+  bool has_start_point_ = false;
+  bool blends_ = false;  ///< slopes are all of J
+  RowMatrix slope_[3], stage_, difference_;
   Eigen::RowVectorXd largest_, size_, present_, error_size_, floor_;
   std::vector<double> y_;
   Eigen::VectorXd shift_, motion_, drift_;

@@ -90,6 +90,12 @@ class MechanismSystem : public OdeSystem {
   /// States by rows, right-hand sides side by side.
   using RowBlock = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
+  /// All numbers of the last linearization that factorize() and the solutions use, if no law has
+  /// states and no motion is prescribed: while the contacts stay on their pieces each is a smooth
+  /// function of time.
+  void slopes(std::vector<double>& out);
+  void set_slopes(std::span<const double> slopes);
+
   /// `solve` for every column of b at once, in place; vectorised over the columns.
   void solve_many(RowBlock& b, const RowBlock* loads = nullptr);
   std::size_t n_events() const override;
@@ -242,6 +248,8 @@ class MechanismSystem : public OdeSystem {
   bool within_reach() const;
   bool evaluated_at(double t, std::span<const double> y) const;
   void keep_slopes();
+  template <class Visit>
+  void visit_slopes(Visit&& visit);
   void add_stateful(const ContactGradient* gradient, int contact, int coupling);
   void reduce_law_states(double gamma);
   void reduce_one_state(StatefulContact& c, double gamma, const std::vector<int>& coordinates);

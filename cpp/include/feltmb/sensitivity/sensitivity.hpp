@@ -2,7 +2,8 @@
 ///
 /// Along the recorded steps of a run the variational equation S' = J(t) S + df/dp is integrated for
 /// all columns at once by the L-stable three-stage SDIRK method of order three (R. Alexander, SIAM
-/// J. Numer. Anal. 14 (1977) 1006) with its own error control. J is the exact Jacobian; a stage
+/// J. Numer. Anal. 14 (1977) 1006) with its own error control. J is the exact Jacobian, known
+/// at the start of a step and at its first and last stage, and between these on a parabola; a stage
 /// costs one factorization of the structured Newton matrix, shared by all columns. df/dp comes from
 /// immutable mechanisms built with shifted parameters, of which those count whose contacts are on
 /// the smooth pieces of the model: just after a felt turns, a shift can take it past its top. While
@@ -103,6 +104,7 @@ struct SensitivityEvent {
 struct SensitivityCounts {
   long steps = 0;  ///< of the variational equation
   long rejected = 0;
+  long linearizations = 0;  ///< of the equations of motion along the stroke
   long factorizations = 0;  ///< one a stage
   long rhs = 0;             ///< evaluations with shifted parameters
   long switches = 0;        ///< places where a step had to end
