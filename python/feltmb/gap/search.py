@@ -326,17 +326,9 @@ def with_all_records(
 
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
     """The first causes by score; errors of records take at most half of the places."""
-    chosen: list[Score] = []
-    of_records = 0
-    for s in ranked:
-        if len(chosen) == tries:
-            break
-        if problem.causes[s.cause].of_records:
-            if of_records >= (tries + 1) // 2:
-                continue
-            of_records += 1
-        chosen.append(s)
-    return chosen
+    of_records = [s.cause for s in ranked if problem.causes[s.cause].of_records]
+    too_many = set(of_records[(tries + 1) // 2 :])
+    return [s for s in ranked if s.cause not in too_many][:tries]
 
 
 def _climb(

@@ -72,7 +72,7 @@ def fine(effect: Effect) -> Effect:
 
 DRY = fine(library.dry_friction(SLIDE, scale=0.3, speed=1.0))
 SLIP = fine(library.hysteresis(SLIDE, scale=0.3, travel=0.04))
-CREEP = fine(library.creep(SLIDE, scale=9.0, times=(0.05, 0.5)))
+CREEP = fine(library.creep(SLIDE, scale=9.0, travel=0.1, times=(0.05, 0.5)))
 DRAG = fine(library.quadratic_friction(SLIDE, scale=2.0))
 PLAIN = tuple(Candidate(e, s) for e in (DRY, DRAG, SLIP, CREEP) for s in e.shapes)
 NUMBERS = ("d_theta", "d_magnitudes", "d_starts", "d_candidates", "d_inputs")

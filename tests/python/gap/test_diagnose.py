@@ -110,6 +110,19 @@ def test_white_noise_beyond_the_stated_one_is_no_discrepancy(factor):
     assert 0.5 * (found.high - found.low) == pytest.approx(half, rel=0.25)
 
 
+def test_the_starts_of_hidden_states_have_the_unit_of_their_coordinate():
+    """Else the evidence of an effect with memory would depend on this unit."""
+
+    def starts(per_meter):
+        scales = {"travel": 0.1 * per_meter, "speed": 0.3 * per_meter}
+        effects = library.for_coordinate(MASS, force=5.0, **scales)
+        return {f"{e.name}: {s.name}": s.start_sd for e in effects for s in e.hidden}
+
+    in_meters = starts(1.0)
+    assert in_meters
+    assert starts(1e3) == pytest.approx({name: 1e3 * sd for name, sd in in_meters.items()})
+
+
 def test_a_parameter_far_outside_its_tolerance_is_told(spring, causes):
     narrow = spring.with_parameters({"k": Parameter(name="k", value=60.0, sd=1.0, unit="N/m")})
     result = diagnose(narrow, causes, three())

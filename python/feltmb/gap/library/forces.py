@@ -356,7 +356,7 @@ def damper_clearance(c: Part, *, damping: float, travel: float) -> Effect:
     )
 
 
-def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
+def creep(c: Part, *, scale: float, travel: float, times: Sequence[float]) -> Effect:
     """A Maxwell branch: F = k (q - z), dz/dt = (q - z) / tau.
 
     Parameters
@@ -365,6 +365,8 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
         Coordinate, or coupling of two coordinates, on which the effect acts.
     scale
         Stiffness of the branch that one would expect [N/m or N m/rad].
+    travel
+        Travel [m or rad] of the coordinate, within which the branch begins a record.
     times
         Relaxation times that are tried [s].
     """
@@ -384,7 +386,7 @@ def creep(c: Part, *, scale: float, times: Sequence[float]) -> Effect:
         shapes=tuple(times),
         shape_names=("time [s]",),
         remedy="Add a relaxing branch.",
-        hidden=(State(name="creep.stretch", hidden=True),),
+        hidden=(State(name="creep.stretch", hidden=True, scale=travel, start_sd=travel),),
         rate=rate,
     )
 
@@ -415,7 +417,9 @@ FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
     lambda c, s: backlash(c, stiffness=s.force / s.travel, travel=s.travel),
     lambda c, s: end_stop(c, stiffness=0.3 * s.force / s.travel, travel=s.travel),
     lambda c, s: hysteresis(c, scale=0.1 * s.force, travel=s.travel),
-    lambda c, s: creep(c, scale=0.1 * s.force / s.travel, times=(0.3 * s.time, 3.0 * s.time)),
+    lambda c, s: creep(
+        c, scale=0.1 * s.force / s.travel, travel=s.travel, times=(0.3 * s.time, 3.0 * s.time)
+    ),
     lambda c, s: offset_force(c, scale=0.1 * s.force),
 )
 
