@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from typing import Any, Literal
 
 from feltmb.action.regulate import regulate
@@ -246,9 +247,8 @@ class Desk:
             if self._extra.get((slot, kind)) is asked:
                 continue
             check()
-            found = await self._found(
-                lambda make=kinds[kind]: make(asked.turned.action(bench)), leave=True
-            )
+            work = partial(_made, kinds[kind], asked.turned, bench)
+            found = await self._found(work, leave=True)
             self._extra[slot, kind] = asked
             self._tell(f"{kind} {slot}", {"on": kind, "slot": slot, "id": asked.id, **found})
 
@@ -263,6 +263,10 @@ class Desk:
 
         found = await self._found(lambda: regulated(bench, turned, say))
         self._tell("regulated", {"on": "regulated", **found})
+
+
+def _made(make: Callable[[Action], dict[str, Any]], turned: Turned, bench: Bench) -> dict[str, Any]:
+    return make(turned.action(bench))
 
 
 def simulated(
