@@ -475,7 +475,9 @@ void MechanismSystem::add_string_answers() {
 
 template <class Visit>
 void MechanismSystem::visit_slopes(Visit&& visit) {
-  const auto whole = [&](auto& matrix) { visit(matrix.data(), at(matrix.size())); };
+  const auto whole = [&](auto& matrix) {
+    visit(matrix.data(), static_cast<std::size_t>(matrix.size()));
+  };
   for (auto* matrix : {&mass_, &base_stiffness_, &base_damping_}) whole(*matrix);
   for (int i = 0; i < coupling_count_; ++i) {
     StringCoupling& c = couplings_[at(i)];
