@@ -89,6 +89,18 @@ def test_derivatives_by_a_lag_are_differences(make):
     assert np.allclose(found.d_magnitudes[:, 0, 0], numeric, atol=2e-2 * scale)
 
 
+def test_a_lag_that_vanishes_changes_nothing_after_an_unknown_start():
+    """The first reading is not that of the model; its share vanishes with the time constant."""
+    part = models.records(5)[0].cut(250, 600)
+    assert not part.start.known
+    effect = library.sensor_lag(["q"], "q", scale=0.01)
+    y = part.outputs["q"] + 0.01
+    sizes = np.array([0.0, 1e-9, 1e-5])
+    seen = effect.observe(part, np.tile(y, (3, 1))[..., None], sizes, None)[..., 0]
+    rate = np.abs(np.diff(y) / np.diff(part.time)).max()
+    assert np.all(np.abs(seen - y) <= 1.001 * sizes[:, None] * rate)
+
+
 @pytest.mark.parametrize("cut", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_slow_sensor_is_found(cut):
     """The force is not zero at the first sample; parts of a record begin during a motion."""

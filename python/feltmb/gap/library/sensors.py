@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -220,7 +221,8 @@ def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
 
     magnitude * d(reading)/dt = output - reading. A record begins at rest, so that its first reading
     is the output. A record with an unknown start (:attr:`StartPrior.known`) begins with its own
-    first reading, which is estimated from a line through the first readings.
+    first reading, which is estimated from a line through the first readings; with a time constant
+    much shorter than a sample, it begins as if the output always had its first slope.
 
     Parameters
     ----------
@@ -235,9 +237,14 @@ def sensor_lag(outputs: Sequence[str], name: str, *, scale: float) -> Effect:
     def change(y: Array, constants: Array, record: Record, shape: Any) -> Array:
         del shape
         starts = y[:, 0].copy()
-        if record.start is not None and not record.start.known:
+        if record.start is not None and not record.start.known and record.samples > 1:
+            step = max(float(record.time[1] - record.time[0]), 1e-300)
             for b in np.flatnonzero(constants > 0.0):
-                starts[b] = _first_reading(record, name, float(constants[b]))
+                constant = float(constants[b])
+                # Without a jump at zero: the share of a first value after a sample.
+                share = math.exp(-step / constant)
+                steady = y[b, 0] - constant * (y[b, 1] - y[b, 0]) / step
+                starts[b] = steady + share * (_first_reading(record, name, constant) - steady)
         return low_passed(record.time, y, constants, starts)
 
     return _sensor(
