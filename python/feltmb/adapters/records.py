@@ -342,11 +342,12 @@ class _Start:
     @classmethod
     def of(cls, record: Record, name: str, rest: float) -> _Start:
         sensor, values = record.sensors[name], record.outputs[name]
-        sigma = math.hypot(sensor.sigma or 0.0, rounding_error(sensor.quantum))
+        known = values[np.isfinite(values)]
+        white = noise_of_record(known) if sensor.sigma is None else sensor.sigma
+        sigma = math.hypot(white, rounding_error(sensor.quantum))
         start = start_of(values, sigma)
-        finite = np.abs(values[np.isfinite(values)])
         near = max(NEAR * sigma, ROUNDED * abs(rest))
-        still = max(NEAR * sigma, ROUNDED * float(np.max(finite, initial=0.0)))
+        still = max(NEAR * sigma, ROUNDED * float(np.max(np.abs(known), initial=0.0)))
         at_zero, at_rest = abs(start) <= still, abs(start - rest) <= near
         kind = "rest" if at_zero or not math.isfinite(start) else "absolute" if at_rest else ""
         if at_zero and at_rest:

@@ -242,6 +242,7 @@ class Equations(Model):
         if self._resolved:
             return Ready(self, tuple(records))
         try:
+            self._check_inputs(records)
             own = copy.copy(self._scaled(records))
             own._motions = {}
             out, notes = resolved(own, records)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -237,17 +236,6 @@ class MujocoModel(Simulator):
         """A changed MJCF file, or the numbers."""
         return (".xml", ".toml")
 
-    def check_writing(self, path: Path) -> None:
-        """See :class:`~feltmb.fit.Model`; a file that names other files stays in its folder."""
-        super().check_writing(path)
-        source = self.mjcf.path
-        refers = re.search(rb"""\sfile\s*=\s*["']""", source.read_bytes())
-        if path.suffix == ".xml" and refers and path.absolute().parent != source.parent:
-            raise InvalidParameter(
-                f"{path}: {source.name} names other files; expected a file in its folder, "
-                f"{source.parent}"
-            )
-
     @checked
     def numbers(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
@@ -286,6 +274,11 @@ class MujocoModel(Simulator):
         self.check_writing(path)
         values, _ = self.numbers(theta, included, magnitudes)
         patched = self.mjcf.patched(values)
+        source = self.mjcf.path.absolute().parent
+        assets = (*patched.meshes, *patched.textures, *patched.hfields, *patched.skins)
+        if assets and path.absolute().parent != source:  # their files stay where they are
+            patched.meshdir = (source / patched.meshdir).as_posix()
+            patched.texturedir = (source / patched.texturedir).as_posix()
         patched.compile()
         told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
         comment = f"<!-- {told.replace('--', '- -')} -->\n"

@@ -446,7 +446,7 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
             taken = {n for h in found for n in h.channels}
             found += [h for h in units if not taken & {*h.channels}]
         if not found:
-            found += _follows(model, runs, _inputs(model, runs))
+            found += _follows(model, runs, [*_inputs(model, runs), *_scales(rows)])
     if size > ANY_SIZE:
         found = [replace(h, sure=False) for h in found]
     return tuple(found or _delays(rows))
@@ -573,19 +573,38 @@ def _clocks(model: Model) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
 
 
 def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
-    """An input in another unit: beside a constant, the outputs do not have its factor."""
+    """An input in another unit or direction: outputs with a constant do not have its factor."""
 
     def scaled(record: Record, name: str, factor: float) -> Record:
         return record.with_changed_inputs(lambda whole: {name: factor * whole.inputs[name]})
 
     # A mechanism, whose steps follow the motion, may need very long.
     shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if model.states() else ()
-    for name, factor in itertools.product(sorted(shared), (1e3, 1e-3)):
+    for name, factor in itertools.product(sorted(shared), (1e3, 1e-3, -1.0)):
+        why = "is its unit another one than its label" if factor > 0.0 else "the other direction"
         yield (
             Hint("input", (name,), f"the model follows all records with {factor:g} times the "
-                 f"values of {name}: is its unit another one than its label?"),
+                 f"values of {name}: {why}?"),
             partial(scaled, name=name, factor=factor),
         )  # fmt: skip
+
+
+def _scales(rows: Sequence[Compared]) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
+    """Another scale of temperature, where a start that is not known hides its zero."""
+
+    def read(record: Record, names: Sequence[str], zero: float, factor: float) -> Record:
+        own = {n: (v - zero) / factor for n, v in record.outputs.items() if n in names}
+        return replace(record, outputs={**record.outputs, **own})
+
+    for unit in dict.fromkeys(r.unit for r in rows):
+        names = tuple(dict.fromkeys(r.channel for r in rows if r.unit == unit))
+        for zero, factor, text, _ in _relations(unit):
+            if zero:
+                yield (
+                    Hint("scale", names, f"the model follows all records with {', '.join(names)} "
+                         f"on another scale: {text}?"),
+                    partial(read, names=names, zero=zero, factor=factor),
+                )  # fmt: skip
 
 
 def _exchanged(runs: Runs, rows: Sequence[Compared]) -> list[Hint]:

@@ -112,13 +112,16 @@ def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
                 slope = np.gradient(o.measured[near, c][good] - x, time[near][good])
                 if not (power := float(slope @ slope)) > 0.0:
                     continue
+                delay = -float(e @ slope) / power
+                if abs(delay) > np.ptp(time[near]):  # a part at rest has no delay
+                    continue
                 out.append(
                     Event(
                         record=o.record.name,
                         event=name,
                         channel=channel,
                         time=moment,
-                        delay=-float(e @ slope) / power,
+                        delay=delay,
                         delay_explained=-float(x @ slope) / power,
                         delay_sd=sd / power**0.5,
                     )

@@ -618,6 +618,7 @@ class Explained:
         record
             Record whose inputs drive the model.
         """
+        (record,) = self.original.matched((record,)).records
         return simulated(self.original, record, self.theta, self.included, self.magnitudes)
 
     @checked

@@ -288,6 +288,22 @@ def rates(t, x, u, p):
 PRIORS = {"m": (2.0, 0.1, "kg"), "k": (90.0, 3.0, "N/m"), "d": (3.0, 0.5, "N s/m")}
 
 
+@pytest.mark.parametrize("unit", [{}, {"inputs": {"motor": "N"}}])
+def test_a_column_that_is_an_input_of_equations_is_one_in_the_model_of_the_report(tmp_path, unit):
+    """The diagnosed records were refused; a record without the input was a KeyError."""
+    path, drive = tmp_path / "a.csv", wave()
+    table = pd.DataFrame({"time [s]": TIME, "motor [N]": drive, "x [m]": 0.01 * drive})
+    table.to_csv(path, index=False)
+    model = feltmb.Equations(rates, states={"x": "m", "v": "m/s"}, parameters=PRIORS, **unit)
+    (record,) = feltmb.read(str(path))
+    found = model.fit([record]).model.simulate(record)["x"]
+    assert found.shape == TIME.shape
+    assert np.std(found) > 0.0
+    table.rename(columns={"motor [N]": "f [N]"}).to_csv(path, index=False)
+    with pytest.raises(InvalidParameter, match="needs the input motor; there is force"):
+        model.fit(feltmb.read(str(path)))
+
+
 def test_inputs_and_coordinates_come_from_the_rates():
     model = feltmb.Equations(rates, states={"x": "m", "v": "m/s"}, parameters=PRIORS)
     assert model.inputs == ("motor",)

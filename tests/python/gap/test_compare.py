@@ -82,6 +82,23 @@ def test_a_model_that_is_right_leaves_the_noise():
     assert [line.get_label() for line in figure.axes[0].lines] == ["record", "model"]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_noisy_start_is_that_of_an_absolute_coordinate_if_no_noise_is_stated(seed):
+    """A first sample a little beside rest made a coordinate a displacement of 34 mm."""
+    record = stroke(0.0, sigma=1e-9)
+    random = np.random.default_rng(seed)
+    record = replace(
+        record,
+        outputs={n: v + 2e-4 * random.standard_normal(v.size) for n, v in record.outputs.items()},
+        sensors={n: replace(s, sigma=None) for n, s in record.sensors.items()},
+    )
+    found = gap.check(action(), record)
+    assert sum("absolute coordinates" in n for n in found.notes) == 1
+    assert not any("first value" in n or "neither zero" in n for n in found.notes)
+    for row in found.rows:
+        assert row.rms == pytest.approx(2e-4, rel=0.2)
+
+
 def test_numbers_of_a_difference_are_those_by_hand():
     time = np.arange(400) * 0.01
     u = np.sin(3.0 * time)
@@ -246,12 +263,12 @@ def test_a_lighter_hammer_is_not_called_early():
     assert not found.hints
 
 
-def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
+def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0, start_sd=0.5):
     """Model and records of a block in a room of 22 degC, with a wrong input or scale."""
     random = np.random.default_rng(2)
     model = gap.Equations(
         name="block",
-        states=[gap.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=0.5)],
+        states=[gap.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=start_sd)],
         parameters=[
             gap.Parameter(name="C", value=100.0, sd=5.0, lower=1.0),
             gap.Parameter(name="G", value=1.0, sd=0.1, lower=0.01),
@@ -282,6 +299,7 @@ def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0):
     [
         ({"change_input": 1e-3}, "input", "1000 times the values of P"),
         ({"change_input": 1e3}, "input", "0.001 times the values of P"),
+        ({"change_input": -1.0}, "input", "-1 times the values of P: the other direction"),
         ({"scale": (1.0, 273.15)}, "scale", "K labeled as degC"),
         ({"scale": (1.8, 32.0)}, "scale", "degF labeled as degC"),
         # The label of the file is not the unit of the model.
@@ -293,6 +311,18 @@ def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
     (hint,) = gap.check(*heated(**wrong)).hints
     assert (hint.kind, hint.sure) == (kind, True)
     assert told in hint.text
+
+
+@pytest.mark.parametrize(
+    ("scale", "told"),
+    [((1.0, 273.15), "K labeled as degC"), ((1.0, -273.15), "degC labeled as K")],
+)
+def test_a_start_that_is_not_known_does_not_hide_a_scale_of_temperature(scale, told):
+    """The diagnosis named a constant inflow."""
+    (hint,) = gap.check(*heated(scale=scale, start_sd=1e3)).hints
+    assert (hint.kind, hint.sure) == ("scale", True)
+    assert told in hint.text
+    assert gap.check(*heated(start_sd=1e3)).hints == ()
 
 
 @pytest.mark.parametrize("gain", [1.0, 2.0, 5.0])

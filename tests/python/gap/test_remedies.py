@@ -189,13 +189,34 @@ def test_a_file_of_parts_is_written_whole(tmp_path):
     (tmp_path / "part.xml").write_text(f"<mujoco>{part}</mujoco>")
     source.write_text(head + '<include file="part.xml"/>\n  <sensor>' + end)
     model = feltmb.mujoco(source, parameters={"servo.gain": (None, 0.1)}, unknown={})
-    with pytest.raises(InvalidParameter, match="a file in its folder"):
-        model.write(tmp_path.parent / "fixed.xml", np.array([5.0]), (), np.zeros(0))
+    other = tmp_path / "other" / "fixed.xml"
+    other.parent.mkdir()
+    model.write(other, np.array([5.0]), (), np.zeros(0))
     model.write(fixed, np.array([5.0]), (), np.zeros(0))
     _, control = controls(4, 0.5)
     alone = tmp_path / "alone.xml"
     alone.write_text(SERVO.replace('kp="8"', 'kp="5"'))
-    np.testing.assert_allclose(played(fixed, control), played(alone, control), atol=1e-6)
+    for whole in (fixed, other):
+        np.testing.assert_allclose(played(whole, control), played(alone, control), atol=1e-6)
+
+
+def test_a_file_with_a_mesh_is_written_into_another_folder(tmp_path):
+    """The report of such a model could not have a folder."""
+    mujoco = pytest.importorskip("mujoco")
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "bob.obj").write_text(
+        "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    source, fixed = tmp_path / "bob.xml", tmp_path / "report" / "remedy.xml"
+    source.write_text(
+        """<mujoco><compiler meshdir="parts"/><asset><mesh name="bob" file="bob.obj"/></asset>
+        <worldbody><body><joint name="pin"/><geom type="mesh" mesh="bob"/></body></worldbody>
+        <actuator><motor name="drive" joint="pin"/></actuator></mujoco>"""
+    )
+    fixed.parent.mkdir()
+    model = feltmb.mujoco(source, parameters={"pin.damping": (None, 0.1)}, unknown={})
+    model.write(fixed, np.array([5.0]), (), np.zeros(0))
+    assert mujoco.MjModel.from_xml_path(str(fixed)).dof_damping == pytest.approx([5.0])
 
 
 def test_numbers_of_a_function(tmp_path):
