@@ -12,6 +12,7 @@ import numpy as np
 
 from feltmb.arguments import checked
 from feltmb.data import Array, Record
+from feltmb.data.smoothing import noise_of_record
 from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fit.coordinates import Coordinate, Coupling, Named, Rate
 from feltmb.fit.integrate import effects_of, integrate
@@ -385,6 +386,8 @@ def _per_second(unit: str) -> str:
 #: Noncentralities: steps are small enough below the first; specified steps cause a warning above
 #: the second; the interpolation of an input is estimated above the third.
 FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
+#: Smallest estimated noise of a channel, as a share of its motion [1].
+LEAST_NOISE = 1e-3
 #: Largest number of substeps.
 MOST = 16
 #: Number of samples of a record, and of records, that are tested.
@@ -401,10 +404,9 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
     seen = [_part(r) for r in records[:RECORDS] if all(n in r.inputs for n in model.inputs)]
     more = sum(r.samples for r in records) / max(1, sum(r.samples for r in seen))
 
-    def difference_in_noise(one: Equations, other: Equations) -> float:
-        return float(
-            np.sqrt(more * _noise_distance(one, other, [(r, prior_jobs(other, r)) for r in seen]))
-        )
+    def difference_in_noise(one: Equations, other: Equations, unstated: bool = True) -> float:
+        jobs = [(r, prior_jobs(other, r)) for r in seen]
+        return float(np.sqrt(more * _noise_distance(one, other, jobs, unstated)))
 
     if model.substeps is None:
         out.substeps, noisy = _substeps(out, 1, difference_in_noise)
@@ -421,7 +423,7 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
         straight, smooth = copy.copy(out), copy.copy(out)
         straight.hold, smooth.hold = "linear", "spline"
         out.hold = "linear"
-        if model.inputs and difference_in_noise(straight, smooth) > DETECTABLE:
+        if model.inputs and difference_in_noise(straight, smooth, unstated=False) > DETECTABLE:
             out.hold = "between"
             out.parameters = model.parameters + tuple(
                 Parameter(
@@ -463,17 +465,30 @@ def _substeps(
         substeps *= 2
 
 
-def _noise_distance(one: Model, other: Model, batches: Sequence[Batch]) -> float:
-    """Sum of squares of the difference of two models in noise; infinite if one of them fails."""
+def _estimated_noise(values: Array) -> float:
+    """Noise of a channel from its values: at least a small share of its motion."""
+    known = values[np.isfinite(values)]
+    return max(noise_of_record(known), LEAST_NOISE * float(np.std(known))) if known.size else 0.0
+
+
+def _noise_distance(
+    one: Model, other: Model, batches: Sequence[Batch], unstated: bool = False
+) -> float:
+    """Sum of squares of the difference of two models in noise; infinite if one of them fails.
+
+    ``unstated``: channels whose noise is not stated count, with an estimate of it.
+    """
     total = 0.0
     runs = zip(batches, one.simulate_all(batches), other.simulate_all(batches), strict=True)
     for (record, _), a, b in runs:
         for c, name in enumerate(one.outputs):
             sensor = record.sensors.get(name)
-            if name in record.outputs and sensor is not None and sensor.sigma:
+            if name not in record.outputs or sensor is None:
+                continue
+            if sigma := sensor.sigma or (unstated and _estimated_noise(record.outputs[name])):
                 y, z = a[0, :, c], b[0, :, c]
                 with np.errstate(over="ignore", invalid="ignore"):
-                    noise = Noise(sensor.sigma, relative=sensor.relative_sigma)
+                    noise = Noise(sigma, relative=sensor.relative_sigma)
                     part = (y - z) / noise.sd(y)
                     part[~np.isfinite(y) & ~np.isfinite(z)] = 0.0  # both simulations fail
                     total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))

@@ -187,3 +187,22 @@ def test_a_clearance_between_two_masses_is_named() -> None:
     assert isinstance(found.shape, float)
     assert abs(found.shape - gap) < 0.05 * gap
     assert report.worst.explained < 0.1 * report.worst.calibrated
+
+
+def test_the_steps_are_fine_enough_for_sensors_that_do_not_state_their_noise() -> None:
+    records = [
+        Record(
+            name=r.name,
+            time=r.time,
+            inputs=r.inputs,
+            outputs=r.outputs,
+            sensors={"q": Sensor(name="q", unit="m")},
+        )
+        for r in runs("straight", k=4e3, samples=100)
+    ]
+    ready = make_model(k=4e3).ready(records).model
+    assert (
+        ready.substeps
+        == make_model(k=4e3).ready(runs("straight", k=4e3, samples=100)).model.substeps
+    )
+    assert ready.substeps > 1
