@@ -82,16 +82,24 @@ class Derivatives:
         key = key_of(request.record, request.theta, request.included, request.sizes)
         return request.record.excitation, key, request.rough
 
-    def of(self, request: SensitivityRequest) -> Sensitivity:
+    def of(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
         """Outputs (n, ny) and their derivatives, by effects at their magnitude, or else at zero.
 
         If the simulation fails, the outputs are NaN and the derivatives zero.
 
         Parameters
         ----------
-        request
-            The point and the variables of differentiation.
+        requests
+            The points and the variables of differentiation.
         """
+        # What is cached is found before the threads start: results do not depend on their order.
+        tasks = [(request, self._points.get(self.place(request), dict)) for request in requests]
+        return self.simulator.in_parallel(
+            lambda task: self._of(*task), tasks, lambda task: id(task[1])
+        )
+
+    def _of(self, request: SensitivityRequest, known: dict[Variable, Array]) -> Sensitivity:
+        """Outputs and derivatives; ``known``: those at this point, new ones are added."""
         included, simulator = request.included, self.simulator
         every = range(len(simulator.parameters))
         parameters = [*(every if request.by_theta is None else request.by_theta)]
@@ -101,9 +109,8 @@ class Derivatives:
         if outputs is None:
             outputs = np.full((request.record.samples, len(simulator.outputs)), np.nan)
             zero = np.zeros_like(outputs)
-            known: dict[Variable, Array] = dict.fromkeys([*parameters, *effects, *changes], zero)
+            known = dict.fromkeys([*parameters, *effects, *changes], zero)
         else:
-            known = self._points.get(self.place(request), dict)
             lacking = replace(
                 request,
                 by_theta=[i for i in parameters if i not in known],

@@ -335,7 +335,7 @@ class MechanismModel(Model):
         # Exact derivatives, those at one point in one pass, or one after another.
         for request in requests:
             request.check(self)
-        return self.simulator.in_parallel(self.derivatives.of, requests, self.derivatives.place)
+        return self.derivatives.of(requests)
 
 
 def varies(parameter: Parameter) -> bool:
