@@ -61,12 +61,7 @@ py::object from_value(const FieldValue& value) {
 }
 
 py::dict as_dict(const FieldInfo& field) {
-  py::dict out;
-  out["name"] = field.name;
-  out["kind"] = field.kind;
-  out["unit"] = field.unit;
-  out["meaning"] = field.meaning;
-  add_range(out, field.range);
+  py::dict out = described(field);
   out["required"] = field.required;
   out["default"] = field.required ? py::none() : from_value(field.standard);
   out["in_contact"] = field.place == Place::kContact;

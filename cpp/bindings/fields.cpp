@@ -50,12 +50,7 @@ py::list number_fields(const FieldTable& table, const void* standard) {
   for (const FieldAccess& field : table) {
     if (field.kind == nullptr || *field.unit == '\0') continue;  // a choice or a name
     const bool required = !field.range.holds(field.standard);
-    py::dict row;
-    row["name"] = field.name;
-    row["kind"] = field.kind;
-    row["unit"] = field.unit;
-    row["meaning"] = field.meaning;
-    add_range(row, field.range);
+    py::dict row = described(field);
     row["required"] = required;
     row["default"] =
         required ? py::none() : field.read(static_cast<const char*>(standard) + field.place);

@@ -23,6 +23,18 @@ namespace py = pybind11;
 /// Adds the limits of a range, None where there is none.
 void add_range(py::dict& out, const Range& range);
 
+/// Name, kind, unit, meaning and limits of a field.
+template <class Field>
+py::dict described(const Field& field) {
+  py::dict out;
+  out["name"] = field.name;
+  out["kind"] = field.kind;
+  out["unit"] = field.unit;
+  out["meaning"] = field.meaning;
+  add_range(out, field.range);
+  return out;
+}
+
 /// What Python has of a field: a pair of numbers for a vector, a law for its parameters.
 template <class T>
 const T& seen(const T& value) {

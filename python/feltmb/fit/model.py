@@ -46,6 +46,7 @@ __all__ = [
     "difference_offsets",
     "difference_sensitivities",
     "prior_jobs",
+    "reshaped",
     "sensitivity_of",
     "start_in",
 ]
@@ -834,7 +835,7 @@ def changed_runs(
         pairs.append(((one, point), (other, point), 2.0))
     for shape in request.shape_changes:
         one_of, other_of = (
-            replace(point, included=_replaced(request.included, shape.effect, value))
+            replace(point, included=reshaped(request.included, shape.effect, value))
             for value in (shape.upper, shape.lower)
         )
         pairs.append(((request.record, one_of), (request.record, other_of), shape.width))
@@ -844,7 +845,7 @@ def changed_runs(
     return batches, columns
 
 
-def _replaced(included: tuple[Candidate, ...], place: int, shape: Any) -> tuple[Candidate, ...]:
+def reshaped(included: tuple[Candidate, ...], place: int, shape: Any) -> tuple[Candidate, ...]:
     """Candidates, one of them with another shape."""
     return tuple(replace(c, shape=shape) if k == place else c for k, c in enumerate(included))
 

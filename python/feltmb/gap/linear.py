@@ -18,6 +18,7 @@ from feltmb.fit.model import (
     SensitivityRequest,
     ShapeChange,
     State,
+    reshaped,
     start_in,
 )
 from feltmb.fit.observe import delayed, machine_candidates, observe_all, observed_sensitivities
@@ -332,9 +333,8 @@ def _by_shapes(
         known.append((s.d_shapes, changes, exact))
         for change in (c for c, done in zip(changes, exact, strict=True) if not done):
             for shape in (change.upper, change.lower):
-                other = list(request.included)
-                other[change.effect] = Candidate(other[change.effect].effect, shape)
-                batches.append((request.record, replace(request, included=tuple(other)).jobs()))
+                other = reshaped(request.included, change.effect, shape)
+                batches.append((request.record, replace(request, included=other).jobs()))
     runs = iter(observe_all(problem.model, batches) if batches else [])
     for s, (d_shapes, changes, exact) in zip(found, known, strict=True):
         columns = np.zeros((*s.outputs.shape, len(changes)))
