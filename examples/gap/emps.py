@@ -5,7 +5,7 @@
 The model lacks the dry friction of the guide.
 """
 
-from feltmb.gap import LinearModel, Parameter, library
+from unmodeled import LinearModel, Parameter, library
 
 model = LinearModel(
     name="EMPS, mass and viscous friction",

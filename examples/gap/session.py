@@ -8,9 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from feltmb.experiment import Belief, InputLimits, Limits, design
-from feltmb.fit.observe import observe
-from feltmb.gap import Candidate, Effect, Equations, Parameter, Record, State, diagnose
+from unmodeled import Effect, Equations, Parameter, Record, State, diagnose
+from unmodeled.experiment import Belief, InputLimits, Limits, design
+from unmodeled.fit.authoring import Candidate
+from unmodeled.fit.observe import observe
 
 model = Equations(
     name="oscillator",

@@ -3,7 +3,7 @@
 feltmb gap diagnose examples/gap/silverbox.py examples/gap/data/silverbox_*.nc
 """
 
-from feltmb.gap import Coordinate, Equations, Parameter, State, library
+from unmodeled import Coordinate, Equations, Parameter, State, library
 
 FREQUENCY = 430.0  # rad/s, a first guess of the resonance
 

@@ -5,7 +5,7 @@ feltmb gap diagnose examples/gap/tanks.py examples/gap/data/tanks_*.csv
 
 import numpy as np
 
-from feltmb.gap import Equations, Parameter, State, library
+from unmodeled import Equations, Parameter, State, library
 
 
 def root(level):

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.completing import actions, packaged
-from feltmb.cli.options import (
+from feltmb.cli.settings import SET, load_with_settings
+from unmodeled.cli.options import (
     FORCE,
-    SET,
     FileName,
     FolderName,
     Number,
@@ -25,11 +25,10 @@ from feltmb.cli.options import (
     picture,
     positive,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     check_targets,
     complain,
     console,
-    load_with_settings,
     print_json,
     save_figure,
     save_text,
@@ -91,7 +90,7 @@ def regulate(
     code is 1.
     """
     from feltmb.action.regulate import default_targets, load_targets, regulate
-    from feltmb.errors import FeltmbError
+    from unmodeled.errors import Error
 
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None
@@ -121,7 +120,7 @@ def regulate(
         ]
         for other in others:
             complain(other)
-        raise FeltmbError(f"{last}\nnothing was written" if out is not None else last)
+        raise Error(f"{last}\nnothing was written" if out is not None else last)
     save_text(out, result.to_toml, force=force)
 
 
@@ -185,7 +184,7 @@ def touch(
     shows the values of both mechanisms.
     """
     from feltmb.action.touch import touch
-    from feltmb.files import check_writable, make_folder
+    from unmodeled.files import check_writable, make_folder
 
     mechanism = load_with_settings(action, settings)
     if before is None and settings:

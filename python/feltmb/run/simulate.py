@@ -11,8 +11,6 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter, near_names
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, list_changes, name_events
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
@@ -26,7 +24,9 @@ from feltmb.run.strikes import (
 )
 from feltmb.run.stroke import MOTORS, Stroke, load_stroke
 from feltmb.run.warnings import run_warnings
-from feltmb.units.quantity import parse_scalar
+from unmodeled.arguments import checked
+from unmodeled.errors import IntegrationError, InvalidParameter, near_names
+from unmodeled.units.quantity import parse_scalar
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -18,7 +18,7 @@ def named(cause, component, magnitude, unit="1", **other):
 
 
 def result(folder, *rows, classes=(), verdict="NAMED"):
-    data = {"format": "feltmb diagnosis", "version": 1, "verdict": verdict, "named": rows}
+    data = {"format": "unmodeled diagnosis", "version": 1, "verdict": verdict, "named": rows}
     data |= {"classes": classes, "parameters": []}
     (folder / "report.json").write_text(json.dumps(data))
     return folder
