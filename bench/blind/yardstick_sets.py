@@ -1,7 +1,7 @@
 """Sets of the yardstick: cases with a stated model, candidates, records, and the truth.
 
 All seeds are frozen. Records that are simulated are stored in a folder (``cache``) when they are
-first needed; measured ones are in ``bench/data`` and ``examples/gap/data``.
+first needed; measured ones are in ``bench/data`` and ``unmodeled/examples/data``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ __all__ = ["SEALED", "SETS", "Set", "Task"]
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "bench" / "data"
-EXAMPLES = ROOT / "examples" / "gap"
+EXAMPLES = ROOT / "unmodeled" / "examples"
 #: Frozen seeds of the development cases of both blind benches.
 SMALL_SEED, SMALL_CASES = 20270101, 300
 ACTION_SEED, ACTION_CASES = 20270102, 60

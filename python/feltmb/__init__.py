@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from feltmb.action.symptoms import symptom
     from feltmb.action.touch import Touch, touch
     from feltmb.action.wearing import Wear, wear
+    from feltmb.errors import IntegrationError
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
     from feltmb.run.fmu import export_fmu
@@ -75,14 +76,7 @@ if TYPE_CHECKING:
         torque_stroke,
     )
     from feltmb.run.sweep import sweep
-    from unmodeled.errors import (
-        DataError,
-        Error,
-        FileExists,
-        IntegrationError,
-        InvalidParameter,
-        ModelError,
-    )
+    from unmodeled.errors import DataError, Error, FileExists, InvalidParameter, ModelError
 
 __all__ = [
     "Action",

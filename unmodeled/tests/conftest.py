@@ -1,6 +1,7 @@
 """Shared by all tests of unmodeled."""
 
 import os
+import sys
 from pathlib import Path
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
@@ -8,6 +9,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
+
+# The benches use unmodeled and are no part of it.
+sys.path.insert(0, str(ROOT / "bench"))
 
 
 def pytest_configure(config):

@@ -16,6 +16,7 @@ import click
 
 from feltmb.cli.completing import actions, actuators, strokes
 from feltmb.cli.settings import SET, load_with_settings
+from feltmb.errors import IntegrationError
 from unmodeled.cli.options import (
     FORCE,
     FolderName,
@@ -40,7 +41,7 @@ from unmodeled.cli.screen import (
     table,
     warn,
 )
-from unmodeled.errors import Error, IntegrationError
+from unmodeled.errors import Error
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

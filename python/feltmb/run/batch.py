@@ -12,12 +12,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.simulate import prepare, to_run
 from feltmb.run.stroke import Stroke
 from unmodeled.arguments import checked
-from unmodeled.errors import Error, IntegrationError, InvalidParameter, ModelError
+from unmodeled.errors import Error, InvalidParameter, ModelError
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run

@@ -20,5 +20,5 @@ def put(folder, text, name="a.csv", encoding="utf-8"):
 
 def test_new_prints_how_to_join_two_files(tmp_path, capsys):
     path = put(tmp_path, "time [s],hammer_tip.x [mm]\n0,1\n1,2\n2,3\n")
-    assert command("new", "--record", str(path), "--model", "steinway45") == 0
+    assert command("gap", "new", str(path), "--model", "steinway45") == 0
     assert "has no input of the model. If another file" in capsys.readouterr().err

@@ -542,14 +542,14 @@ def test_a_sheet_of_one_of_two_files_tells_how_to_join_them(tmp_path, columns, m
 
 def test_new_writes_a_sheet_beside_a_file(tmp_path, capsys):
     path = put(tmp_path, "Zeit (s);Kraft (N);a (mm)\n0;1;2,5\n1;2;3,5\n2;3;4,5\n")
-    assert command("new", "--record", str(path)) == 0
+    assert command("new", str(path)) == 0
     record = read_record(path)
     assert list(record.inputs) == ["force"]
     np.testing.assert_allclose(record.outputs["a"], [2.5e-3, 3.5e-3, 4.5e-3])
-    assert command("new", "--record", str(path)) == 2
+    assert command("new", str(path)) == 2
     assert "exists" in capsys.readouterr().err
     assert command("new") == 2
-    assert "expected the name of a file to write, or --record" in capsys.readouterr().err
+    assert "Missing argument 'DATA'" in capsys.readouterr().err
 
 
 def test_options_of_the_command_line():

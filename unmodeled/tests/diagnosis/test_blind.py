@@ -174,7 +174,7 @@ def test_shares_have_the_intervals_of_wilson():
 
 
 def test_the_command_writes_what_it_prints(tmp_path, capsys, root):
-    folder = root / "examples" / "gap"
+    folder = root / "unmodeled" / "examples"
     data = sorted((folder / "data").glob("emps_*.csv"))
     arguments = ["blind", str(folder / "emps.py"), *map(str, data)]
     with pytest.raises(SystemExit) as end:

@@ -9,7 +9,7 @@ import pytest
 from unmodeled.cli import main
 
 ROOT = Path(__file__).resolve().parents[3]
-EXAMPLES = ROOT / "examples" / "gap"
+EXAMPLES = ROOT / "unmodeled" / "examples"
 EMPS = [str(f) for f in sorted((EXAMPLES / "data").glob("emps_*.csv"))]
 #: Options with which a diagnosis takes seconds.
 QUICK = ("--max-effects", "1")
@@ -126,7 +126,7 @@ def test_columns_are_inputs_of_a_model_that_names_none(tmp_path, capsys):
         path.write_text("\n".join(lines) + "\n")
         files.append(path)
     assert run("check", tmp_path / "spring.py", *files) == 0
-    assert run("new", "--record", files[0], "--model", tmp_path / "spring.py") == 0
+    assert run("new", files[0], "--model", tmp_path / "spring.py") == 0
     assert '[inputs."x"]' in files[0].with_suffix(".toml").read_text()
     capsys.readouterr()
     assert run("diagnose", tmp_path / "spring.py", *files, "--hold-out", files[2]) == 0

@@ -214,7 +214,7 @@ def test_the_chosen_experiment_raises_the_probability_of_the_right_cause(seed):
 @pytest.mark.slow
 def test_the_example_of_a_session_names_its_cause(capsys):
     """Plan, measure, diagnose, until the friction of 0.05 N is named."""
-    runpy.run_path(str(Path(__file__).parents[3] / "examples" / "gap" / "session.py"))
+    runpy.run_path(str(Path(__file__).parents[3] / "unmodeled" / "examples" / "session.py"))
     *_, verdict, named = capsys.readouterr().out.splitlines()
     assert verdict.endswith(": named")
     assert float(named.removeprefix("dry friction: ").removesuffix(" N")) == pytest.approx(

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from feltmb import _core, params
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import (
     LawChoice,
     Source,
@@ -32,7 +33,7 @@ from feltmb.mechanism import (
 )
 from feltmb.run.stroke import Stroke, table_stroke, torque_stroke
 from unmodeled.arguments import checked
-from unmodeled.errors import IntegrationError, InvalidParameter, no_such
+from unmodeled.errors import InvalidParameter, no_such
 from unmodeled.files import write_file
 from unmodeled.files.netcdf import Variable, encode
 from unmodeled.units import conversion_factor

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.parameters import Parameter
 from feltmb.run.sensitivity.objects import Gradient, Segment, place_of, state_names
@@ -16,7 +17,7 @@ from feltmb.run.sensitivity.summary import Summary, add_rules, looks_of, summari
 from feltmb.run.simulate import check_input
 from feltmb.run.stroke import Stroke, load_stroke
 from unmodeled.arguments import checked
-from unmodeled.errors import IntegrationError, InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np

@@ -16,11 +16,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action
 from feltmb.run.batch import simulate_many
 from feltmb.run.stroke import Stroke
 from unmodeled.arguments import checked
-from unmodeled.errors import Error, IntegrationError, InvalidParameter
+from unmodeled.errors import Error, InvalidParameter
 from unmodeled.files import Store, digest_of, make_folder, package_digest
 
 if TYPE_CHECKING:

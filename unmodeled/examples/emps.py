@@ -1,6 +1,6 @@
 """Electro-mechanical positioning system: inverse dynamics with mass and viscous friction only.
 
-    feltmb gap diagnose examples/gap/emps.py examples/gap/data/emps_*.csv --hold-out emps_pulses
+    unmodeled diagnose emps.py data/emps_*.csv --hold-out emps_pulses
 
 The model lacks the dry friction of the guide.
 """

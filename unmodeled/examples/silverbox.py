@@ -1,6 +1,6 @@
 """Silverbox, an electronic oscillator: a linear model without its cubic stiffness.
 
-feltmb gap diagnose examples/gap/silverbox.py examples/gap/data/silverbox_*.nc
+unmodeled diagnose unmodeled/examples/silverbox.py unmodeled/examples/data/silverbox_*.nc
 """
 
 from unmodeled import Coordinate, Equations, Parameter, State, library

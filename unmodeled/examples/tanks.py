@@ -1,6 +1,6 @@
 """Cascaded water tanks: square-root outflow, without the overflow of the upper tank.
 
-feltmb gap diagnose examples/gap/tanks.py examples/gap/data/tanks_*.csv
+unmodeled diagnose unmodeled/examples/tanks.py unmodeled/examples/data/tanks_*.csv
 """
 
 import numpy as np
