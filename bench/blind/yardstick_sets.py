@@ -23,8 +23,7 @@ from blind.imperfect.generate import load
 from blind.imperfect.machines import TABLES
 from blind.imperfect.stated import stated, to_records
 from blind.marks import Cause, Truth
-from feltmb.data import StartPrior, read_records
-from feltmb.gap import (
+from unmodeled import (
     Coordinate,
     Effect,
     Equations,
@@ -36,6 +35,7 @@ from feltmb.gap import (
     candidates,
     library,
 )
+from unmodeled.data import StartPrior, read_records
 
 Array = NDArray[np.float64]
 

@@ -34,7 +34,7 @@ Your own models and measurements
 Co-simulation
     export_fmu
 Errors
-    FeltmbError, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
+    Error, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
 
 Everything is imported at its first use, so that ``import feltmb`` is fast.
 """
@@ -47,23 +47,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import FrameType
 
-    from feltmb import adapters, contact, data, felt, fiber, fit, gap
+    import unmodeled
+    from feltmb import adapters, contact, felt, fiber
     from feltmb._core import __version__
     from feltmb.action.regulate import Regulation, load_targets, regulate
     from feltmb.action.repetition import Repetition, repeat
     from feltmb.action.symptoms import symptom
     from feltmb.action.touch import Touch, touch
     from feltmb.action.wearing import Wear, wear
-    from feltmb.data import Record, read, records_from_frame
-    from feltmb.errors import (
-        DataError,
-        FeltmbError,
-        FileExists,
-        IntegrationError,
-        InvalidParameter,
-        ModelError,
-    )
-    from feltmb.fit import Equations, Simulator, fmu, mujoco
+    from feltmb.errors import IntegrationError
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
     from feltmb.run.fmu import export_fmu
@@ -85,13 +77,17 @@ if TYPE_CHECKING:
         torque_stroke,
     )
     from feltmb.run.sweep import sweep
+    from unmodeled import data, fit
+    from unmodeled.data import Record, read, records_from_frame
+    from unmodeled.errors import DataError, Error, FileExists, InvalidParameter, ModelError
+    from unmodeled.fit import Equations, Simulator, fmu, mujoco
 
 __all__ = [
     "Action",
     "DataError",
     "Equations",
+    "Error",
     "Evaluation",
-    "FeltmbError",
     "FileExists",
     "Gradient",
     "IntegrationError",
@@ -151,7 +147,7 @@ _LAZY = {
     "_core": "__version__",
     "mechanism": "Action load_action packaged_actions",
     "data": "Record read records_from_frame",
-    "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
+    "errors": "DataError Error FileExists IntegrationError InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
     "fit": "Equations Simulator fmu mujoco",
     "run.fmu": "export_fmu",

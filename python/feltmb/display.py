@@ -6,7 +6,7 @@ import html
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-from feltmb.above import above
+from unmodeled.lazy import above
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

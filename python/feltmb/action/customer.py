@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from feltmb.action.touch import StaticTouch, distances, static_touch
 from feltmb.adapters import Entry, Library, action_with_effects, load_library
 from feltmb.adapters.findings import bodies_at, points_at
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import is_folder, read_input, read_json, write_file, write_text
 from feltmb.mechanism import Action, load_action
-from feltmb.units import readable_unit
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import is_folder, read_input, read_json, write_file, write_text
+from unmodeled.units import readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -76,7 +76,7 @@ class CustomerPage:
             return static_touch(self.before), after
         except InvalidParameter:
             raise
-        except FeltmbError:  # so far from regulated that it has no weights
+        except Error:  # so far from regulated that it has no weights
             return None, after
 
     @cached_property
@@ -95,7 +95,7 @@ class CustomerPage:
 
     def figure(self) -> Figure:
         """The page as a figure of the size of a sheet."""
-        from feltmb.style import GRAY, INK, new_figure
+        from unmodeled.style import GRAY, INK, new_figure
 
         figure = new_figure(*PAPER)
         figure.set_layout_engine("none")
@@ -125,7 +125,7 @@ class CustomerPage:
     def draw(self, ax: Axes) -> None:
         """Draw the mechanism with the guilty parts colored."""
         from feltmb.graphics.plot.portrait import sketch
-        from feltmb.style import RED
+        from unmodeled.style import RED
 
         # A felt between two parts: the ring shows it, the parts are pale.
         sketch(ax, self.after, dict.fromkeys(self.bodies, 0.25 if self.points else 0.75))
@@ -134,7 +134,7 @@ class CustomerPage:
 
     def curve(self, ax: Axes) -> None:
         """Draw the force at the key against its travel, before and after."""
-        from feltmb.style import BLUE, RED, style_axes
+        from unmodeled.style import BLUE, RED, style_axes
 
         before, after = self.touches
         same = self.before is self.after
@@ -160,9 +160,9 @@ class CustomerPage:
 
         from markupsafe import Markup
 
-        from feltmb.gap.figures import svg
-        from feltmb.gap.report import render_page
-        from feltmb.style import new_figure
+        from unmodeled.report import render_page
+        from unmodeled.report.figures import svg
+        from unmodeled.style import new_figure
 
         pictures = []
         for name, draw, size in (
@@ -210,8 +210,8 @@ class CustomerPage:
 
 
 def _folded(texts: Sequence[str], width: int) -> str:
-    from feltmb.style import plain_text
-    from feltmb.tables import folded_text
+    from unmodeled.style import plain_text
+    from unmodeled.tables import folded_text
 
     return plain_text("\n".join(folded_text(text, width) for text in texts))
 

@@ -14,9 +14,9 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch.static import REGULATE, roles_of
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action, load_action
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -130,7 +130,7 @@ class Repetition:
         """Highest rates with their reasons, and the run with the first failure."""
         import numpy as np
 
-        from feltmb.style import BLUE, CYCLE, GRAY, PALE, RED, head_line, new_figure, style_axes
+        from unmodeled.style import BLUE, CYCLE, GRAY, PALE, RED, head_line, new_figure, style_axes
 
         figure = new_figure(9.0, 6.4)
         top, bottom = figure.subplots(2, 1, height_ratios=(0.5 + 0.28 * len(self.rows), 2.6))
@@ -182,7 +182,7 @@ def key_travel(action: Action) -> float:
 
     Raises
     ------
-    FeltmbError
+    Error
         A press with 10 N does not bring the key to its punching.
     """
     import numpy as np
@@ -195,9 +195,7 @@ def key_travel(action: Action) -> float:
     run = simulate(action, stroke, ledger=False, output_rate=2000.0)
     landed = run.summary.get(f"{action.config.reading.touch.landing}_time")
     if landed is None:
-        raise FeltmbError(
-            f"{action.name!r}: the key does not reach its punching with 10 N; {REGULATE}"
-        )
+        raise Error(f"{action.name!r}: the key does not reach its punching with 10 N; {REGULATE}")
     return float(np.interp(landed, run.time, _depth(action, run)))
 
 
@@ -263,7 +261,7 @@ def _try(
         impulses.append(float(np.sum(jack[before])))
         found = float(np.max(impacts[own])) if own.any() else 0.0
         if k == 0 and not own.any():
-            raise FeltmbError(
+            raise Error(
                 f"{action.name!r}: a single press with a finger speed of {speed:g} m/s does not "
                 "strike; press faster, or regulate the action"
             )
@@ -365,7 +363,7 @@ def repeat(
     ------
     InvalidParameter
         A number is out of range, or the mechanism does not name the required contacts.
-    FeltmbError
+    Error
         A single press does not strike, or the key does not reach its punching.
     """
     if isinstance(action, str):

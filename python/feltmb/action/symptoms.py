@@ -16,10 +16,10 @@ from pydantic import Field
 
 from feltmb import params
 from feltmb.action.wearing import NUMBERS, Variant, Wear
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter, no_such
-from feltmb.files import read_json, read_toml
-from feltmb.units.quantity import Schema, validated
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, no_such
+from unmodeled.files import read_json, read_toml
+from unmodeled.units.quantity import Schema, validated
 
 __all__ = ["Cause", "Symptom", "load_symptoms", "packaged_wear", "symptom"]
 

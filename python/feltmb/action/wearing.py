@@ -23,13 +23,13 @@ from feltmb.action.regulate.screws import Screws
 from feltmb.action.repetition import highest_rate, key_travel
 from feltmb.action.touch import distances, static_touch
 from feltmb.adapters import Entry, action_with_effects, load_library
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import read_json
 from feltmb.mechanism import Action, MechanismFile, load_action
 from feltmb.mechanism.workshop import turns_of
 from feltmb.run.sweep import Progress, ProgressBar
 from feltmb.run.sweep.members import default_jobs
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import read_json
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -104,7 +104,7 @@ def measure(action: Action, near: float | None = None) -> dict[str, float]:
             found |= part(action)
         except InvalidParameter:
             raise
-        except FeltmbError:  # no let-off, no strike: the number does not exist
+        except Error:  # no let-off, no strike: the number does not exist
             continue
     return {name: found[name] / NUMBERS[name][2] for name in NUMBERS}
 
@@ -349,7 +349,7 @@ class Wear:
         """Changes of each number by each variant, as shares of what matters of the number."""
         import numpy as np
 
-        from feltmb.style import head_line, new_figure
+        from unmodeled.style import head_line, new_figure
 
         shown = list(self.rows)
         values = np.array([[n[k] - self.base[k] for k in WEAR_NUMBERS] for _, n in shown])

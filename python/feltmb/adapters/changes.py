@@ -17,10 +17,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 from feltmb.mechanism.numbers import read_entry, replace_entry
-from feltmb.units.quantity import SI, Schema, SIVector
+from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import SI, Schema, SIVector
 
 __all__ = [
     "Change",

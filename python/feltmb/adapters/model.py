@@ -1,4 +1,4 @@
-"""A mechanism as a model that :mod:`feltmb.fit` can fit and :mod:`feltmb.gap` can diagnose.
+"""A mechanism as a model that :mod:`unmodeled.fit` can fit and :mod:`unmodeled` can diagnose.
 
 Outputs are displacements of tracking points from rest [m] and, with motion input, the force of the
 finger [N]. Every record starts at rest, for all parameters, and is simulated as a whole, so that a
@@ -33,11 +33,15 @@ from feltmb.adapters.records import (
     with_noise,
 )
 from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, key_of
-from feltmb.arguments import checked
-from feltmb.data import Array, Record, Sensor
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import write_text
-from feltmb.fit import (
+from feltmb.mechanism import Action, load_action, packaged_actions
+from feltmb.mechanism.parameters import with_values_told
+from feltmb.run.stroke import load_stroke
+from feltmb.run.stroke.strokes import Kind
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record, Sensor
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.files import write_text
+from unmodeled.fit import (
     Candidate,
     Effect,
     Jobs,
@@ -48,11 +52,7 @@ from feltmb.fit import (
     SensitivityRequest,
     State,
 )
-from feltmb.fit.limits import InputLimits, Limits
-from feltmb.mechanism import Action, load_action, packaged_actions
-from feltmb.mechanism.parameters import with_values_told
-from feltmb.run.stroke import load_stroke
-from feltmb.run.stroke.strokes import Kind
+from unmodeled.fit.limits import InputLimits, Limits
 
 __all__ = [
     "SETTINGS",

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, input_of
-from feltmb.data import Array, Record, Sensor
-from feltmb.data.records import NOT_OF_INPUTS
-from feltmb.data.smoothing import (
+from feltmb.mechanism import Reading
+from unmodeled.data import Array, Record, Sensor
+from unmodeled.data.records import NOT_OF_INPUTS
+from unmodeled.data.smoothing import (
     LEAST_SAMPLES,
     NEAR,
     WINDOW,
@@ -21,8 +22,7 @@ from feltmb.data.smoothing import (
     smooth_record,
     start_of,
 )
-from feltmb.fit.noise import rounding_error
-from feltmb.mechanism import Reading
+from unmodeled.fit.noise import rounding_error
 
 __all__ = [
     "driven",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from feltmb.blas import one_thread_from_the_start
+from unmodeled.blas import one_thread_from_the_start
 
 __all__ = ["main"]
 
@@ -159,7 +159,7 @@ def _ended(end: SystemExit) -> int:
 def _told(error: BaseException) -> int:
     """Print one message for an error, and return the exit code; others are raised."""
     from feltmb.cli.screen import complain, say
-    from feltmb.errors import FeltmbError, FileExists, ModelError
+    from unmodeled.errors import Error, FileExists, ModelError
 
     text, code = str(error), 1
     if isinstance(error, BrokenPipeError):
@@ -171,7 +171,7 @@ def _told(error: BaseException) -> int:
             say(error.ctx.get_usage(), err=True)
             say(f"Try '{error.ctx.command_path} --help' for help.\n", err=True)
         text, code = error.format_message(), error.exit_code
-    elif isinstance(error, FeltmbError):
+    elif isinstance(error, Error):
         code = 2 if isinstance(error, (ValueError, FileExists, ModelError)) else 1
     elif isinstance(error, MemoryError):
         text = f"not enough memory: {error}" if text else "not enough memory"

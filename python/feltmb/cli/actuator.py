@@ -34,7 +34,7 @@ from feltmb.cli.screen import (
     with_settings,
 )
 from feltmb.cli.stroke import parse_damper
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.action.actuator import Actuator, ActuatorRun

@@ -75,7 +75,7 @@ def _line() -> list[str]:
 def mechanism_named() -> str | None:
     """Mechanism on the command line."""
     from feltmb import params
-    from feltmb.files import is_file
+    from unmodeled.files import is_file
 
     known = params.names()
     return next(
@@ -113,15 +113,15 @@ def _is_given(raw: Mapping[str, Any], path: str) -> bool:
 
 def _settable() -> dict[str, Any]:
     """Value by dotted path of the mechanism on the command line."""
-    from feltmb.errors import FeltmbError
     from feltmb.mechanism import load_action
+    from unmodeled.errors import Error
 
     name = mechanism_named()
     if name is None:
         return {}
     try:
         action = load_action(name)
-    except FeltmbError:
+    except Error:
         return {}
     raw = action.raw  # a copy of the whole mechanism
     found = {k: v for k, v in _paths(action.config) if _is_given(raw, k)}
@@ -161,13 +161,13 @@ def settings(
 
 def _runs() -> Iterator[Run]:
     """Saved runs on the command line; unreadable files give no completions."""
-    from feltmb.errors import FeltmbError
-    from feltmb.files import is_file
     from feltmb.run.results import load_run
+    from unmodeled.errors import Error
+    from unmodeled.files import is_file
 
     for word in _line():
         if word.endswith(".nc") and is_file(Path(word)):
-            with contextlib.suppress(FeltmbError):
+            with contextlib.suppress(Error):
                 yield load_run(word)
 
 

@@ -97,8 +97,8 @@ class _Written:
 
     def check(self) -> None:
         """Check the files and the contact."""
-        from feltmb.errors import InvalidParameter
         from feltmb.mechanism import load_action
+        from unmodeled.errors import InvalidParameter
 
         check_targets(self.out, pictures=(self.plot,), force=self.force)
         known = {} if self.contact is None else load_action(self.action).config.contacts
@@ -357,7 +357,7 @@ def identify_command(
     from feltmb.felt import identify, load_material
     from feltmb.felt.plot import plot_identification
     from feltmb.fiber import read_compression
-    from feltmb.files import make_folder
+    from unmodeled.files import make_folder
 
     report = None if folder is None else make_folder(folder) / "report.md"
     image = None if folder is None else folder / "identification.png"
@@ -542,7 +542,7 @@ def audit_command(
     """
     from feltmb.felt import audit, audit_targets
     from feltmb.felt.plot import plot_audit
-    from feltmb.files import check_writable, make_folder
+    from unmodeled.files import check_writable, make_folder
 
     if everything and ":" in law:
         raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")

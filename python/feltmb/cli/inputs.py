@@ -36,8 +36,8 @@ from feltmb.cli.screen import (
 )
 
 if TYPE_CHECKING:
-    from feltmb.data import ReadOptions
     from feltmb.mechanism import Action
+    from unmodeled.data import ReadOptions
 
 __all__ = ["fmu", "listing", "live", "new", "showing", "validate"]
 
@@ -55,7 +55,7 @@ def listing(*, as_json: bool) -> None:
     from feltmb._core import fiber  # the package of this name imports readers and fits
     from feltmb.contact import LAWS
     from feltmb.run.stroke import load_stroke, packaged_strokes
-    from feltmb.units import ACCEPTED_UNITS
+    from unmodeled.units import ACCEPTED_UNITS
 
     actions, actuators, felts = (params.texts("about", k) for k in ("", "actuators", "felts"))
     fibers = {law.name: law.title for law in fiber.law_descriptions()}
@@ -134,8 +134,8 @@ def showing(
 
         save_figure(plot, lambda: draw(mechanism), force=force)
     if graph is not None:
-        from feltmb.files import check_suffix
         from feltmb.graphics.graph import graph as linear_graph
+        from unmodeled.files import check_suffix
 
         check_suffix(graph, ".dot")
         save_text(graph, linear_graph(mechanism).to_dot(), force=force)
@@ -227,7 +227,7 @@ _SPRING = (
 
 def _springs(config: Any, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     from feltmb.mechanism import Spring
-    from feltmb.units.quantity import unit_of
+    from unmodeled.units.quantity import unit_of
 
     for name, spring in config.springs.items():
         joint = "prismatic" if units[spring.coordinate] == "m" else "revolute"
@@ -280,13 +280,13 @@ def validate(
     without a unit are listed with the SI unit that they have, with a warning if the file gives
     another unit to the same quantity elsewhere.
     """
-    from feltmb.errors import FeltmbError, InvalidParameter
+    from unmodeled.errors import Error, InvalidParameter
 
     found: list[dict[str, Any]] = []
     for path in files:
         try:
             text, bare, warnings = _checked(path, rest=not no_rest_pose)
-        except FeltmbError as error:
+        except Error as error:
             found.append({"file": str(path), "ok": False, "text": str(error)})
             if not as_json:
                 complain(str(error))
@@ -307,13 +307,13 @@ def validate(
 
 def _checked(path: Path, *, rest: bool) -> tuple[str, list[str], list[str]]:
     """What a file is; its numbers without a unit; warnings."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.files import is_file, read_toml, why_missing
     from feltmb.mechanism import load_action
     from feltmb.mechanism.parameters import told_bare_numbers
     from feltmb.run.reach import unreached_lines
     from feltmb.run.results import load_run
     from feltmb.run.stroke import load_stroke
+    from unmodeled.errors import InvalidParameter
+    from unmodeled.files import is_file, read_toml, why_missing
 
     if not is_file(path):
         raise InvalidParameter(f"{path}: {why_missing(path)}")
@@ -335,9 +335,9 @@ def _checked(path: Path, *, rest: bool) -> tuple[str, list[str], list[str]]:
 
 def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
     """Whether a file is a stroke: it has keys that only strokes, or only mechanisms, have."""
-    from feltmb.errors import InvalidParameter
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import STROKE_KEYS
+    from unmodeled.errors import InvalidParameter
 
     common = STROKE_KEYS & set(MechanismFile.model_fields)
     stroke = STROKE_KEYS - common
@@ -383,8 +383,8 @@ def new(
     With --record: write the TOML file of a measured file for `gap check`, `gap diagnose` and `fit`,
     at PATH or in the folder of the measured file.
     """
-    from feltmb.errors import DataError, InvalidParameter
-    from feltmb.files import check_writable, is_file, why_missing
+    from unmodeled.errors import DataError, InvalidParameter
+    from unmodeled.files import check_writable, is_file, why_missing
 
     if path is None and record is not None:
         path = record.with_suffix(".toml")
@@ -398,7 +398,7 @@ def new(
         template = resources.files("feltmb") / "params" / "template.toml.txt"
         save_text(path, template.read_text(encoding="utf-8"), force=force)
         return
-    from feltmb.data.sketch import sketch_sheet
+    from unmodeled.data.sketch import sketch_sheet
 
     check_writable(path, force=force)
     if not is_file(record):

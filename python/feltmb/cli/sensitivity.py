@@ -90,7 +90,7 @@ def command(
         )
     number = _sorting_number(result, number, f"stroke {stroke!r} of {mechanism.name!r}")
     if number in result.unknown and not as_json:
-        from feltmb.errors import InvalidParameter
+        from unmodeled.errors import InvalidParameter
 
         raise InvalidParameter(
             f"--number {number!r} has no derivative in this stroke: {result.unknown[number]}"
@@ -115,8 +115,8 @@ def command(
 
 def _sorting_number(result: Gradient, number: str | None, what: str) -> str:
     """The number that sorts the table."""
-    from feltmb.errors import InvalidParameter
     from feltmb.run.arrays import missing_number
+    from unmodeled.errors import InvalidParameter
 
     if number is None:
         known = [n for n in result.summary if n not in result.unknown] or list(result.summary)

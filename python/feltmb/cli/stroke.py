@@ -41,7 +41,8 @@ from feltmb.cli.screen import (
     table,
     warn,
 )
-from feltmb.errors import FeltmbError, IntegrationError
+from feltmb.errors import IntegrationError
+from unmodeled.errors import Error
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -105,7 +106,7 @@ class Target:
 
     def of(self, stems: list[str]) -> list[Path | None]:
         """File of each stroke."""
-        from feltmb.files import check_folder, check_suffix, make_folder
+        from unmodeled.files import check_folder, check_suffix, make_folder
 
         if self.out is None:
             return [None] * len(stems)
@@ -157,8 +158,8 @@ class Job:
 
     def find_kept(self) -> None:
         """Load the finished run with the same inputs, if there is one."""
-        from feltmb.files import is_file
         from feltmb.run.results import load_run
+        from unmodeled.files import is_file
 
         if self.file is None or self.file.suffix == ".csv":
             raise click.UsageError("--resume needs --out with the name of a folder or a .nc file")
@@ -254,7 +255,7 @@ def command(
     if results.failures:
         for failure in results.failures[:-1]:
             complain(failure)
-        raise FeltmbError(results.failures[-1])
+        raise Error(results.failures[-1])
 
 
 def _jobs(
@@ -265,7 +266,7 @@ def _jobs(
     begin: tuple[Path | None, Mapping[str, str]],
 ) -> list[Job]:
     """The strokes with their files and options; all files are checked."""
-    from feltmb.files import check_writable
+    from unmodeled.files import check_writable
 
     stems = _stems([s.name for s in strokes])
     made = []
@@ -317,7 +318,7 @@ class Results:
         try:
             self._draw(job, run, force=force or job.kept is not None)
         except Exception as fault:  # the saved run stays valid
-            kind = "" if isinstance(fault, FeltmbError) else f"{type(fault).__name__}: "
+            kind = "" if isinstance(fault, Error) else f"{type(fault).__name__}: "
             self.failures.append(f"{name}: no picture or sound: {kind}{fault}")
 
     def _draw(self, job: Job, run: Run, *, force: bool) -> None:
@@ -341,7 +342,7 @@ def _run_all(made: Sequence[Job], one: Any, results: Results, jobs: int) -> None
                 try:
                     waiting.append(pool.submit(one, job))
                 except RuntimeError as refused:
-                    raise FeltmbError(
+                    raise Error(
                         f"--jobs {jobs}: no thread could be started ({refused}); use --jobs 1"
                     ) from None
             for i, job in enumerate(made):
@@ -365,7 +366,7 @@ def _inputs(
     initial: Mapping[str, str],
 ) -> str:
     """Hash of everything that determines a run."""
-    from feltmb.files import LARGEST_FILE, digest_of, package_digest, read_input
+    from unmodeled.files import LARGEST_FILE, digest_of, package_digest, read_input
 
     first = None if start is None else read_input(start, most=LARGEST_FILE)
     numbers = asdict(replace(options, max_wall=None, ledger_limit=None))
@@ -444,7 +445,7 @@ def _strike_rows(run: Run) -> dict[str, tuple[str, str]]:
 def _strike_cells(strikes: Sequence[Mapping[str, float]], key: str, unit: str) -> list[str]:
     """A number of each strike, and its unit; empty if no strike has it."""
     from feltmb.run.results import let_off_words
-    from feltmb.units import readable_unit
+    from unmodeled.units import readable_unit
 
     values = [strike.get(key) for strike in strikes]
     why = ["" for _ in strikes]
@@ -534,7 +535,6 @@ def demo(
 
     Prints the results with the published values, and writes NetCDF files, plots and an animation.
     """
-    from feltmb.files import make_folder, write_file
     from feltmb.graphics.animate import animate
     from feltmb.graphics.plot import mechanism as draw
     from feltmb.graphics.plot import picture_rate, save_all
@@ -542,6 +542,7 @@ def demo(
     from feltmb.run.options import RunOptions
     from feltmb.run.simulate import simulate
     from feltmb.run.stroke import load_stroke
+    from unmodeled.files import make_folder, write_file
 
     action = load_with_settings("steinway45", settings)
     make_folder(out)

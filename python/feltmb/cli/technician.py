@@ -91,7 +91,7 @@ def regulate(
     code is 1.
     """
     from feltmb.action.regulate import default_targets, load_targets, regulate
-    from feltmb.errors import FeltmbError
+    from unmodeled.errors import Error
 
     mechanism = load_with_settings(action, settings)
     wanted = load_targets(targets) if targets is not None else None
@@ -121,7 +121,7 @@ def regulate(
         ]
         for other in others:
             complain(other)
-        raise FeltmbError(f"{last}\nnothing was written" if out is not None else last)
+        raise Error(f"{last}\nnothing was written" if out is not None else last)
     save_text(out, result.to_toml, force=force)
 
 
@@ -185,7 +185,7 @@ def touch(
     shows the values of both mechanisms.
     """
     from feltmb.action.touch import touch
-    from feltmb.files import check_writable, make_folder
+    from unmodeled.files import check_writable, make_folder
 
     mechanism = load_with_settings(action, settings)
     if before is None and settings:

@@ -11,14 +11,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data.columns import read_columns
-from feltmb.data.files import read_sheet
-from feltmb.data.mapping import unit_of_column, values_in
-from feltmb.data.series import Columns, plain_name
-from feltmb.data.sheet import ColumnSpec, ReadOptions, Sheet
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.units import conversion_factor, spelled_unit
-from feltmb.units.quantity import fault_text, shortened
+from unmodeled.data.columns import read_columns
+from unmodeled.data.files import read_sheet
+from unmodeled.data.mapping import unit_of_column, values_in
+from unmodeled.data.series import Columns, plain_name
+from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.units import conversion_factor, spelled_unit
+from unmodeled.units.quantity import fault_text, shortened
 
 __all__ = ["COMPRESSIONS", "LOADS", "CompressionColumns", "read_test"]
 

@@ -14,19 +14,19 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from feltmb import _core
-from feltmb.above import above
-from feltmb.arguments import checked
 from feltmb.contact.laws import Law
 from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.display import html_table, picture
-from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
 from feltmb.mechanism.numbers import BareChange, Value, bare_changes, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
 from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
 from feltmb.mechanism.workshop import plain_values
-from feltmb.units.quantity import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, shown
+from unmodeled.lazy import above
+from unmodeled.units.quantity import (
     is_quantity,
 )
 
@@ -119,19 +119,19 @@ class Action:
         options: Any = None,
         tell: Callable[..., None] | None = None,
     ) -> Any:
-        """Find what the mechanism lacks: :meth:`feltmb.fit.Model.diagnose` of its model.
+        """Find what the mechanism lacks: :meth:`unmodeled.fit.Model.diagnose` of its model.
 
         Parameters
         ----------
         records
-            Measured runs, for example of :func:`feltmb.read`. Their inputs are ``force`` [N] or
+            Measured runs, for example of :func:`unmodeled.read`. Their inputs are ``force`` [N] or
             ``displacement`` [m], their outputs ``hammer_tip.x`` [m] and others.
         effects, exclude, hold_out, options, tell
             As for a model; the default effects are those of the library of the mechanism.
 
         Returns
         -------
-        feltmb.gap.Report
+        unmodeled.Report
         """
         chosen = {"effects": effects, "exclude": exclude, "hold_out": hold_out}
         return self._as_model(records).diagnose(records, options=options, tell=tell, **chosen)
@@ -139,18 +139,18 @@ class Action:
     def fit(
         self, records: Any, *, options: Any = None, tell: Callable[..., None] | None = None
     ) -> Any:
-        """Fit its tolerances to records: :meth:`feltmb.fit.Model.fit` of its model.
+        """Fit its tolerances to records: :meth:`unmodeled.fit.Model.fit` of its model.
 
         Parameters
         ----------
         records
             Measured runs, as for :meth:`diagnose`.
         options, tell
-            As for :func:`feltmb.gap.fit_model`.
+            As for :func:`unmodeled.fit_model`.
 
         Returns
         -------
-        feltmb.gap.Report
+        unmodeled.Report
         """
         return self._as_model(records).fit(records, options=options, tell=tell)
 

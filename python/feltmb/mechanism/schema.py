@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from feltmb import _core
 from feltmb.contact.layer import LayerParameters
 from feltmb.contact.tables import LAWS, Curve, to_core, with_fields, with_laws, with_numbers
-from feltmb.units.quantity import (
+from unmodeled.units.quantity import (
     SI,
     Schema,
     SIVector,

@@ -7,9 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact.tables import make_core, to_core
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.schema import (
     Body,
     Contact,
@@ -23,6 +21,8 @@ from feltmb.mechanism.schema import (
     String,
     Surface,
 )
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 __all__ = ["core_law", "describe", "describe_with_faults", "with_leads"]
 

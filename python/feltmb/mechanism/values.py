@@ -10,11 +10,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import parse_toml
-from feltmb.units import conversion_factor, split_quantity, to_si
-from feltmb.units.quantity import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import parse_toml
+from unmodeled.units import conversion_factor, split_quantity, to_si
+from unmodeled.units.quantity import (
     META_KEYS,
     is_quantity,
     parse_scalar,

@@ -11,12 +11,12 @@ import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.numbers import number_at
 from feltmb.mechanism.schema import MechanismFile, Screw
 from feltmb.mechanism.to_core import with_leads
 from feltmb.mechanism.values import expand_path, split_operator, tidy
-from feltmb.units.quantity import parse_scalar, shortened
+from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import parse_scalar, shortened
 
 __all__ = [
     "distance_from_joint",

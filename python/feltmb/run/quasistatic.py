@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter, ModelError
 from feltmb.mechanism import core_law, describe
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, ModelError
 
 if TYPE_CHECKING:
     import numpy as np

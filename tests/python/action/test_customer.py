@@ -5,11 +5,11 @@ import re
 
 import pytest
 from click.testing import CliRunner
+from feltmb.cli.gap import report as command
 
 import feltmb
 from feltmb import InvalidParameter
 from feltmb.action.customer import customer_page
-from feltmb.cli.gap import report as command
 
 
 def named(cause, component, magnitude, unit="1", **other):

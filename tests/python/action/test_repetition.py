@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 import feltmb
-from feltmb import FeltmbError, InvalidParameter
+from feltmb import Error, InvalidParameter
 from feltmb.action.repetition import highest_rate, key_travel
 from feltmb.cli.technician import repeat as command
 
@@ -57,7 +57,7 @@ def test_wrong_numbers_are_refused(action, wrong):
 
 
 def test_a_key_that_does_not_reach_its_punching_is_told(action):
-    with pytest.raises(FeltmbError, match="does not reach its punching"):
+    with pytest.raises(Error, match="does not reach its punching"):
         feltmb.repeat(action.with_values({"surfaces.Gp3.point.y -=": "30 mm"}))
 
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.cli.gap_plan import write_inputs
+from feltmb.cli.models import Adapter
 
 import feltmb
 from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
-from feltmb.cli.gap_plan import write_inputs
-from feltmb.cli.models import Adapter
-from feltmb.data import Record
-from feltmb.experiment import DesignedExperiment
-from feltmb.experiment.profiles import FAMILIES
 from feltmb.run.stroke import load_stroke, read_stroke_csv
+from unmodeled.data import Record
+from unmodeled.experiment import DesignedExperiment
+from unmodeled.experiment.profiles import FAMILIES
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +54,7 @@ def test_a_planned_force_is_a_stroke_and_a_torque(model, family, tmp_path):
     clock = experiment.record.time
     assert np.allclose(torque.at(clock), 0.2 * profile.at(clock), atol=1e-6)
     assert feltmb.simulate("steinway45", stroke, duration=0.02).status == "done"
-    with pytest.raises(feltmb.FeltmbError, match="exists"):
+    with pytest.raises(feltmb.Error, match="exists"):
         write_inputs(*asked, lever=0.2, force=False)
 
 

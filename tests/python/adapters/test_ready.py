@@ -5,20 +5,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from feltmb.cli.models import load_adapter
 
 import feltmb
 from feltmb.adapters import mechanism_model
 from feltmb.adapters.model import resolve
 from feltmb.adapters.records import driven as driven_by_force
 from feltmb.adapters.records import first_turn
-from feltmb.cli.models import load_adapter
-from feltmb.data import Record, Sensor
-from feltmb.data.smoothing import smooth_record
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit import Jobs, including
-from feltmb.gap import Options, diagnose
-from feltmb.gap.records import prepare, ready_records, split_records
-from feltmb.gap.variation import with_variation
+from unmodeled import Options, diagnose
+from unmodeled.data import Record, Sensor
+from unmodeled.data.smoothing import smooth_record
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.fit import Jobs, including
+from unmodeled.search.records import prepare, ready_records, split_records
+from unmodeled.search.variation import with_variation
 
 ACTION = feltmb.load_action("steinway45")
 FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}

@@ -8,7 +8,7 @@ import pytest
 
 import feltmb
 from feltmb.adapters import mechanism_model
-from feltmb.data import read_records
+from unmodeled.data import read_records
 
 CASES = Path(__file__).parents[3] / "examples" / "gap_action"
 

@@ -2,9 +2,9 @@
 
 import click
 import pytest
-
 from feltmb.cli.gap import run
-from feltmb.gap import Options
+
+from unmodeled import Options
 
 #: Options of the command, and fields of ``Options``.
 NAMES = {

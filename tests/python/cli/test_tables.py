@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 import feltmb.cli
-from feltmb import tables
 from feltmb.cli import cli
-from feltmb.tables import FittingTable, Screen, new_table
+from unmodeled import tables
+from unmodeled.tables import FittingTable, Screen, new_table
 
 CLI = Path(feltmb.cli.__file__).parent
 

@@ -4,8 +4,8 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli import cli
-from feltmb.errors import InvalidParameter
 from feltmb.fiber import Cycle, FiberBox, lay, simulate
+from unmodeled.errors import InvalidParameter
 
 LOOSE = FiberBox(n_fibers=30, n_beads=15, friction=0.35, seed=0)
 

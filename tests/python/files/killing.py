@@ -17,7 +17,7 @@ def prepare(folder: Path) -> list[str]:
     """Write an adapter and its measured files; return their paths."""
     import sys
 
-    from feltmb.data import write_record
+    from unmodeled.data import write_record
 
     sys.path.insert(0, str(HERE.parents[1] / "gap"))
     import models

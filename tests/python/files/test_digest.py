@@ -4,7 +4,7 @@ import importlib
 import sys
 from types import SimpleNamespace
 
-from feltmb.files import package_digest
+from unmodeled.files import package_digest
 
 
 def test_members_know_the_code():
@@ -12,7 +12,7 @@ def test_members_know_the_code():
 
 
 def test_the_digest_of_the_package_is_of_all_of_it(monkeypatch, tmp_path):
-    digest = importlib.import_module("feltmb.files.digest")
+    digest = importlib.import_module("unmodeled.files.digest")
     for name in ("run/a.py", "contact/b.py", "mechanism/c.toml", "_core.so", "files/digest.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).write_text(name)

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb import gap
+import unmodeled
 from feltmb.cli import main
-from feltmb.data import Record, Sensor, write_record
-from feltmb.errors import DataError, InvalidParameter
+from unmodeled.data import Record, Sensor, write_record
+from unmodeled.errors import DataError, InvalidParameter
 
 from . import models
 
 POINTS = ("key_front.y", "hammer_tip.x")
-QUICK = gap.Options(tries=2, most=1)
+QUICK = unmodeled.Options(tries=2, most=1)
 
 
 def command(*arguments):
@@ -60,14 +60,14 @@ def stroke(shift=None, *, sigma=2e-5, scale=1.0, late=0, of=None):
 
 def kinds(model, records):
     """Kind and certainty of each hint."""
-    return [(h.kind, h.sure) for h in gap.check(model, records).hints]
+    return [(h.kind, h.sure) for h in unmodeled.check(model, records).hints]
 
 
 # ---------------------------------------------------------------- the numbers
 
 
 def test_a_model_that_is_right_leaves_the_noise():
-    found = gap.check(action(), stroke(0.0))
+    found = unmodeled.check(action(), stroke(0.0))
     assert [r.channel for r in found.rows] == list(POINTS)
     for row in found.rows:
         assert row.in_noise == pytest.approx(1.0, abs=0.2)
@@ -92,7 +92,7 @@ def test_a_noisy_start_is_that_of_an_absolute_coordinate_if_no_noise_is_stated(s
         outputs={n: v + 2e-4 * random.standard_normal(v.size) for n, v in record.outputs.items()},
         sensors={n: replace(s, sigma=None) for n, s in record.sensors.items()},
     )
-    found = gap.check(action(), record)
+    found = unmodeled.check(action(), record)
     assert sum("absolute coordinates" in n for n in found.notes) == 1
     assert not any("first value" in n or "neither zero" in n for n in found.notes)
     for row in found.rows:
@@ -107,7 +107,7 @@ def test_numbers_of_a_difference_are_those_by_hand():
         name="r", time=time, inputs={"x": u}, outputs={"y": 1.3 * u + 0.2 + noise},
         sensors={"y": Sensor(name="y", sigma=1e-3)},
     )  # fmt: skip
-    (row,) = gap.check(models.line(0.1), record).rows
+    (row,) = unmodeled.check(models.line(0.1), record).rows
     difference = 0.3 * u + 0.2 + noise
     assert row.rms == pytest.approx(np.sqrt(np.mean(difference**2)))
     assert row.motion == pytest.approx(np.std(record.outputs["y"]))
@@ -118,11 +118,11 @@ def test_numbers_of_a_difference_are_those_by_hand():
 
 def swinging(start_sd, *, rate=lambda q, v: -9.0 * q):
     """A free oscillator, and two records of it that start at a turn and at full speed."""
-    model = gap.Equations(
+    model = unmodeled.Equations(
         name="pendulum",
         states=[
-            gap.State(name="q", unit="rad", scale=0.5, start_sd=start_sd),
-            gap.State(name="v", unit="rad/s", scale=1.5, start_sd=start_sd),
+            unmodeled.State(name="q", unit="rad", scale=0.5, start_sd=start_sd),
+            unmodeled.State(name="v", unit="rad/s", scale=1.5, start_sd=start_sd),
         ],
         rates=lambda t, x, u, p: (x.v, rate(x.q, x.v)),
         outputs={"angle": "q"},
@@ -145,21 +145,21 @@ def swinging(start_sd, *, rate=lambda q, v: -9.0 * q):
 
 def test_a_start_that_is_not_known_is_taken_from_the_record():
     """A free motion was compared with a model that never moved."""
-    for row in gap.check(*swinging(2.0)).rows:
+    for row in unmodeled.check(*swinging(2.0)).rows:
         assert row.in_noise == pytest.approx(1.0, abs=0.4)
     model, records = swinging(0.0)  # the start is known: at rest, so that nothing moves
-    assert all(row.in_noise > 100.0 for row in gap.check(model, records).rows)
+    assert all(row.in_noise > 100.0 for row in unmodeled.check(model, records).rows)
 
 
 def test_a_model_that_diverges_from_the_start_of_the_record_starts_as_expected():
-    found = gap.check(*swinging(2.0, rate=lambda q, v: 1e4 * q**3))
+    found = unmodeled.check(*swinging(2.0, rate=lambda q, v: 1e4 * q**3))
     np.testing.assert_array_equal(found.simulated["turn"]["angle"], 0.0)
 
 
 def test_a_model_without_finite_outputs_is_refused():
     model, records = swinging(0.0, rate=lambda q, v: float("nan") + 0.0 * q)
     with pytest.raises(InvalidParameter, match="no finite outputs"):
-        gap.check(model, records)
+        unmodeled.check(model, records)
 
 
 # ---------------------------------------------------------------- units and signs
@@ -167,11 +167,11 @@ def test_a_model_without_finite_outputs_is_refused():
 
 def straight(factor, sd=0.1):
     """A line through records that are a factor too large."""
-    model = gap.LinearModel(
+    model = unmodeled.LinearModel(
         name="line",
         output="y",
         columns={"slope": lambda r: r.inputs["u"]},
-        parameters=[gap.Parameter(name="slope", value=1.0, sd=sd)],
+        parameters=[unmodeled.Parameter(name="slope", value=1.0, sd=sd)],
     )
     generator = np.random.default_rng(4)
     time = np.arange(200) * 1e-3
@@ -201,19 +201,19 @@ def straight(factor, sd=0.1):
 def test_a_wrong_unit_or_sign_ends_a_diagnosis_before_any_fit(factor, kind, told):
     """Also beside a gap: a spring that the model lacks made the force 1.13 times as large."""
     model, records = straight(factor)
-    (hint,) = gap.check(model, records).hints
+    (hint,) = unmodeled.check(model, records).hints
     assert (hint.kind, hint.channels, hint.sure) == (kind, ("y",), True)
     assert told in hint.text
     stages = []
     with pytest.raises(DataError, match=f"{told}.*--unit"):
-        gap.diagnose(model, [], records, tell=stages.append)
+        unmodeled.diagnose(model, [], records, tell=stages.append)
     assert {p.stage for p in stages} == {"prepare"}
 
 
 def test_a_wrong_unit_of_one_record_is_found():
     model, (right, held_out) = straight(1.0)
     wrong = replace(straight(1e3)[1][0], name="w")
-    (hint,) = gap.check(model, [right, wrong, held_out]).hints
+    (hint,) = unmodeled.check(model, [right, wrong, held_out]).hints
     assert hint.sure
     assert "in record w: mm labeled as m" in hint.text
 
@@ -228,8 +228,8 @@ def test_factors_that_differ_or_are_no_unit_are_not_told():
 def test_a_unit_belongs_to_its_quantity():
     model, records = straight(9.81)
     newtons = [replace(r, sensors={"y": Sensor(name="y", unit="N", sigma=1e-3)}) for r in records]
-    (of_length,) = gap.check(model, records).hints
-    (of_force,) = gap.check(model, newtons).hints
+    (of_length,) = unmodeled.check(model, records).hints
+    (of_force,) = unmodeled.check(model, newtons).hints
     assert "mm labeled as cm" in of_length.text
     assert "N labeled as kgf" in of_force.text
 
@@ -238,17 +238,17 @@ def test_a_factor_that_a_parameter_may_be_is_no_certain_unit():
     assert kinds(*straight(10.0, np.inf)) == []
     assert kinds(*straight(10.0, 5.0)) == [("unit", False)]
     model, records = straight(10.0, 5.0)
-    report = gap.diagnose(model, [], records, options=QUICK)
+    report = unmodeled.diagnose(model, [], records, options=QUICK)
     assert report.parameters[0].value == pytest.approx(10.0, rel=0.01)
     assert any("mm labeled as cm" in n for n in report.notes)
 
 
 def test_a_mechanism_in_a_wrong_unit_and_a_late_clock_are_seen():
-    scaled = gap.check(action(), stroke(scale=1e-3, sigma=1e-8))
+    scaled = unmodeled.check(action(), stroke(scale=1e-3, sigma=1e-8))
     for row in scaled.rows:
         assert row.factor == pytest.approx(1e-3, rel=0.01)
     assert [(h.kind, h.channels) for h in scaled.hints] == [("unit", POINTS)]
-    late = gap.check(action(), stroke(late=8))  # samples of 0.5 ms
+    late = unmodeled.check(action(), stroke(late=8))  # samples of 0.5 ms
     for row in late.rows:
         assert row.delay == pytest.approx(4e-3, abs=3e-4)
     assert [h.kind for h in late.hints] == ["delay"]
@@ -258,7 +258,7 @@ def test_a_lighter_hammer_is_not_called_early():
     """It moves earlier, but no delay explains it: shifting the record would spoil it."""
     light = feltmb.load_action("steinway45").with_values({"bodies.head.mass *=": 0.85})
     other = feltmb.simulate(light, "forte", duration=0.1, output_rate=2000.0)
-    found = gap.check(action(), stroke(of=other))
+    found = unmodeled.check(action(), stroke(of=other))
     assert all(row.delay < -1e-4 for row in found.rows)
     assert not found.hints
 
@@ -266,12 +266,12 @@ def test_a_lighter_hammer_is_not_called_early():
 def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0, start_sd=0.5):
     """Model and records of a block in a room of 22 degC, with a wrong input or scale."""
     random = np.random.default_rng(2)
-    model = gap.Equations(
+    model = unmodeled.Equations(
         name="block",
-        states=[gap.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=start_sd)],
+        states=[unmodeled.State(name="T", unit="degC", scale=10.0, start=22.0, start_sd=start_sd)],
         parameters=[
-            gap.Parameter(name="C", value=100.0, sd=5.0, lower=1.0),
-            gap.Parameter(name="G", value=1.0, sd=0.1, lower=0.01),
+            unmodeled.Parameter(name="C", value=100.0, sd=5.0, lower=1.0),
+            unmodeled.Parameter(name="G", value=1.0, sd=0.1, lower=0.01),
         ],
         inputs=["P"],
         rates=lambda t, x, u, p: ((u.P - p.G * (x.T - 22.0)) / p.C,),
@@ -308,7 +308,7 @@ def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0, start_sd=0.5):
     ],
 )
 def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
-    (hint,) = gap.check(*heated(**wrong)).hints
+    (hint,) = unmodeled.check(*heated(**wrong)).hints
     assert (hint.kind, hint.sure) == (kind, True)
     assert told in hint.text
 
@@ -319,24 +319,24 @@ def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
 )
 def test_a_start_that_is_not_known_does_not_hide_a_scale_of_temperature(scale, told):
     """The diagnosis named a constant inflow."""
-    (hint,) = gap.check(*heated(scale=scale, start_sd=1e3)).hints
+    (hint,) = unmodeled.check(*heated(scale=scale, start_sd=1e3)).hints
     assert (hint.kind, hint.sure) == ("scale", True)
     assert told in hint.text
-    assert gap.check(*heated(start_sd=1e3)).hints == ()
+    assert unmodeled.check(*heated(start_sd=1e3)).hints == ()
 
 
 @pytest.mark.parametrize("gain", [1.0, 2.0, 5.0])
 def test_a_gap_of_a_temperature_is_no_wrong_unit(gain):
-    assert not [h for h in gap.check(*heated(gain=gain)).hints if h.sure]
+    assert not [h for h in unmodeled.check(*heated(gain=gain)).hints if h.sure]
 
 
 def test_uncertain_start_states_do_not_hide_a_wrong_unit():
     """A start state that is estimated could absorb degrees that were labeled as radians."""
-    model = gap.Equations(
+    model = unmodeled.Equations(
         name="arm",
-        states=[gap.State(name="q", unit="rad", scale=0.1, start_sd=1.0),
-                gap.State(name="v", unit="rad/s", scale=1.0, start_sd=10.0)],
-        parameters=[gap.Parameter(name="k", value=100.0, sd=5.0)],
+        states=[unmodeled.State(name="q", unit="rad", scale=0.1, start_sd=1.0),
+                unmodeled.State(name="v", unit="rad/s", scale=1.0, start_sd=10.0)],
+        parameters=[unmodeled.Parameter(name="k", value=100.0, sd=5.0)],
         inputs=["M"],
         rates=lambda t, x, u, p: (x.v, u.M - p.k * x.q - 1.0 * x.v),
         outputs={"angle": "q"},
@@ -346,12 +346,12 @@ def test_uncertain_start_states_do_not_hide_a_wrong_unit():
         time = np.arange(400) * 5e-3
         moment = (5.0 + 2.0 * i) * np.sin((5.0 + i) * time)
         empty = Record(name=f"r{i}", time=time, inputs={"M": moment}, outputs={"angle": 0.0 * time})
-        jobs = gap.Jobs(theta=np.array([[103.0]]), starts=np.zeros((1, 2)))
+        jobs = unmodeled.Jobs(theta=np.array([[103.0]]), starts=np.zeros((1, 2)))
         angle = np.degrees(model.simulate(empty, jobs)[0, :, 0])
         noise = 0.02 * np.random.default_rng(i).standard_normal(time.size)
         sensor = Sensor(name="angle", unit="rad", sigma=0.02)
         wrong.append(replace(empty, outputs={"angle": angle + noise}, sensors={"angle": sensor}))
-    found = gap.check(model, wrong)
+    found = unmodeled.check(model, wrong)
     assert [(h.kind, h.sure) for h in found.hints] == [("unit", True)]
     assert "degrees labeled as rad" in found.hints[0].text
 
@@ -367,13 +367,13 @@ def test_a_clock_in_a_wrong_unit_is_found(factor, told):
     model, records = heated()
     wrong = [replace(r, time=factor * r.time) for r in records]
     with pytest.raises(DataError, match=f"unit of time .*{told}"):
-        gap.diagnose(model, [], wrong)
+        unmodeled.diagnose(model, [], wrong)
 
 
 def test_a_clock_of_a_stroke_in_a_wrong_unit_is_found_before_a_long_simulation():
     wrong = stroke(0.0)
     with pytest.raises(DataError, match="--unit time=ms"):
-        gap.check(action(), replace(wrong, time=1e3 * wrong.time))
+        unmodeled.check(action(), replace(wrong, time=1e3 * wrong.time))
 
 
 def test_a_reversed_oscillation_is_not_called_late():
@@ -392,11 +392,11 @@ def exchanged(r, *names):
 
 def three(stiffness_sd=0.1):
     """Three outputs of one input, with the records of a model that is a tenth softer."""
-    model = gap.Simulator(
+    model = unmodeled.Simulator(
         lambda time, inputs, p: {
             "a": p["k"] * inputs["u"], "b": np.cumsum(inputs["u"]) * 0.02, "c": inputs["u"] ** 2
         },
-        parameters=[gap.Parameter(name="k", value=1.0, sd=stiffness_sd)],
+        parameters=[unmodeled.Parameter(name="k", value=1.0, sd=stiffness_sd)],
         inputs={"u": "1"},
         outputs=dict.fromkeys("abc", "m"),
     )  # fmt: skip
@@ -416,13 +416,13 @@ def three(stiffness_sd=0.1):
 
 def test_exchanged_columns_are_told():
     assert kinds(action(), stroke()) == []
-    (hint,) = gap.check(action(), exchanged(stroke(), *POINTS)).hints
+    (hint,) = unmodeled.check(action(), exchanged(stroke(), *POINTS)).hints
     assert (hint.kind, set(hint.channels)) == ("exchange", set(POINTS))
     model, records = three()
-    (hint,) = gap.check(model, [exchanged(r, *"abc") for r in records]).hints
+    (hint,) = unmodeled.check(model, [exchanged(r, *"abc") for r in records]).hints
     assert hint.text.startswith("a looks like c, b looks like a, c looks like b")
     with pytest.raises(DataError, match="are the columns exchanged"):
-        gap.diagnose(model, [], [exchanged(r, *"abc") for r in records])
+        unmodeled.diagnose(model, [], [exchanged(r, *"abc") for r in records])
 
 
 def test_exchanged_columns_of_one_record_or_of_a_free_model_are_not_certain():
@@ -445,11 +445,11 @@ def test_single_numbers_are_not_exchanged_columns():
 def pair(model_shares, record_shares, noise, sd=0.02):
     """A model of two channels in proportion to the input, and records of other shares."""
     names = ("left", "right")
-    model = gap.Simulator(
+    model = unmodeled.Simulator(
         lambda time, inputs, p: {
             n: p["size"] * s * inputs["u"] for n, s in zip(names, model_shares, strict=True)
         },
-        parameters=[gap.Parameter(name="size", value=1.0, sd=sd)],
+        parameters=[unmodeled.Parameter(name="size", value=1.0, sd=sd)],
         inputs={"u": "1"},
         outputs=dict.fromkeys(names, "m"),
     )  # fmt: skip
@@ -470,15 +470,15 @@ def test_exchanged_channels_that_are_alike_are_told_unless_they_are_nearly_equal
     """Two thermocouples: each explains three quarters of the other one."""
     assert kinds(*pair((1.0, 0.6), (0.63, 1.0), 2e-3)) == [("exchange", True)]
     assert kinds(*pair((1.1, 0.9), (0.92, 1.08), 1e-3)) == []
-    wrong_signs = gap.check(*pair((1.0, -1.0), (-1.0, 1.0), 1e-3)).hints
+    wrong_signs = unmodeled.check(*pair((1.0, -1.0), (-1.0, 1.0), 1e-3)).hints
     assert [h.kind for h in wrong_signs] == ["sign"]
 
 
 def test_a_channel_without_values_is_not_compared():
     model, records = three()
     blank = [replace(r, outputs={**r.outputs, "c": np.full(200, np.nan)}) for r in records]
-    report = gap.diagnose(model, [], blank, options=QUICK)
-    assert report.verdict is gap.Verdict.CALIBRATED
+    report = unmodeled.diagnose(model, [], blank, options=QUICK)
+    assert report.verdict is unmodeled.Verdict.CALIBRATED
     assert {c.name for c in report.channels} == {"a", "b"}
 
 
@@ -502,7 +502,7 @@ def test_the_command_prints_numbers_and_draws_a_picture(tmp_path, capsys):
 
 def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     with pytest.raises(DataError, match="none of its outputs"):
-        gap.check(models.NOMINAL, stroke())
+        unmodeled.check(models.NOMINAL, stroke())
     assert command("gap", "check", "steinway45") == 2
     assert "got 'steinway45' alone, expected measured files" in capsys.readouterr().err
     path = write_record(models.records(1)[0], tmp_path / "one.csv")

@@ -26,8 +26,6 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
-from feltmb.errors import InvalidParameter
-from feltmb.gap import Progress, Stop
 from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
@@ -35,6 +33,8 @@ from feltmb.live.pictures import listed_outputs
 from feltmb.live.proposals import STROKES
 from feltmb.live.states import Playing
 from feltmb.run.sound import sampled, wav
+from unmodeled import Progress, Stop
+from unmodeled.errors import InvalidParameter
 
 TURNED = {"knobs": {"screw.let-off": 4e-4, "felt.06": 0.2}, "numbers": {"string.tension": 640.0}}
 

@@ -9,9 +9,9 @@ import pytest
 import feltmb
 import feltmb.action.regulate
 import feltmb.action.touch
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.to_core import describe, with_leads
 from feltmb.mechanism.workshop import key_ratio, strike_weight
+from unmodeled.errors import InvalidParameter
 
 
 def _key(action):

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 import feltmb
+import unmodeled
 
 HEAVY = (
     *(
@@ -70,7 +71,12 @@ def test_a_list_reads_no_mechanism():
     )
     assert "feltmb.params" in modules
     assert not modules & {"scipy", "pandas", "xarray", "matplotlib", "h5netcdf", "h5py", "jinja2"}
-    assert not modules & {"feltmb.mechanism", "feltmb.fiber", "feltmb.data", "feltmb.run.simulate"}
+    assert not modules & {
+        "feltmb.mechanism",
+        "feltmb.fiber",
+        "unmodeled.data",
+        "feltmb.run.simulate",
+    }
 
 
 def test_functions_that_bear_the_name_of_their_module():
@@ -118,7 +124,7 @@ def test_fits_in_python_use_one_thread_of_the_blas():
     """NumPy is loaded there; the number is set back, and one that the user sets is kept."""
     code = (
         "import numpy, threadpoolctl\n"
-        "from feltmb.blas import one_thread\n"
+        "from unmodeled.blas import one_thread\n"
         "def most(): return max(p['num_threads'] for p in threadpoolctl.threadpool_info())\n"
         "threadpoolctl.threadpool_limits(2)\n"
         "with one_thread():\n    print(most())\n"
@@ -140,7 +146,7 @@ def test_fits_in_several_threads_set_the_number_back():
     """The limit is one of the process: the block that ends last must not keep it."""
     code = (
         "import threading, numpy, threadpoolctl\n"
-        "from feltmb.blas import one_thread\n"
+        "from unmodeled.blas import one_thread\n"
         "def most(): return max(p['num_threads'] for p in threadpoolctl.threadpool_info())\n"
         "before = most()\n"
         "began, both = threading.Event(), threading.Event()\n"
@@ -187,7 +193,7 @@ def test_parts_for_other_models_are_public():
 
 def test_a_user_of_a_diagnosis_meets_few_names():
     """What only authors of models need is in fit.authoring, what a report holds in gap.result."""
-    assert len({*feltmb.gap.__all__, *feltmb.fit.__all__, *feltmb.data.__all__}) <= 45
+    assert len({*unmodeled.__all__, *unmodeled.fit.__all__, *unmodeled.data.__all__}) <= 45
 
 
 def test_no_name_is_a_module_and_something_else():

@@ -7,9 +7,9 @@ from rich.console import Console
 
 from feltmb import load_action
 from feltmb.cli.stroke import strike_tables, summary_table
-from feltmb.errors import InvalidParameter
 from feltmb.run.events import Change, name_events
 from feltmb.run.results import let_off_words
+from unmodeled.errors import InvalidParameter
 
 RULES = load_action("steinway45").config.events
 

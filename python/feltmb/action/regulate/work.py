@@ -13,10 +13,10 @@ from feltmb.action.regulate.measuring import Bench, CannotMeasure
 from feltmb.action.regulate.screws import Screws
 from feltmb.action.regulate.solving import solve
 from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targets, load_targets
-from feltmb.arguments import checked
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.values import tidy
 from feltmb.mechanism.workshop import told_move, turns_of
+from unmodeled.arguments import checked
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np
@@ -127,7 +127,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     ------
     ModelError
         There is no equilibrium beyond some travel.
-    FeltmbError
+    Error
         The jack does not meet the hammer or the button, so that nothing can be measured.
     """
     import numpy as np
@@ -145,7 +145,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     dip = down.when(bottom)
     if take_up is None or toe is None:
         what = "the hammer" if take_up is None else "the let-off button"
-        raise FeltmbError(
+        raise Error(
             f"touch of {action.name!r}: the jack does not meet {what} in a press; {REGULATE}"
         )
     notes = []
@@ -166,7 +166,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     lifted_up = _follow(lifted, lifted_down.travel[::-1])
     starts, ends = _met(lifted_down, let_off), lifted_down.when(roles["toe"])
     if starts is None or ends is None or not starts + MARGIN < ends - MARGIN:
-        raise FeltmbError(
+        raise Error(
             f"touch of {action.name!r}: there is no travel between the take-up of the hammer at "
             f"{1e3 * take_up:.2f} mm and the jack toe at {1e3 * toe:.2f} mm to take weights in"
         )

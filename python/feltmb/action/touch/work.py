@@ -16,11 +16,11 @@ from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import StaticTouch, distances, static_touch
 from feltmb.action.touch.strikes import Strike, at_speed, fit_travel_time, simulate_strike
 from feltmb.action.touch.weights import Weights, weights
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter, no_such
-from feltmb.files import make_folder, write_file
 from feltmb.mechanism import Action, load_action
-from feltmb.units import conversion_factor, unit_suffix
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, no_such
+from unmodeled.files import make_folder, write_file
+from unmodeled.units import conversion_factor, unit_suffix
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -236,7 +236,7 @@ def touch(
     ------
     InvalidParameter
         A level is not > 0, or the mechanism does not name the required contacts.
-    FeltmbError
+    Error
         The action cannot be measured, for example because its hammer is blocked.
     """
     from feltmb.run.quasistatic import simulated_press

@@ -1,0 +1,485 @@
+"""``feltmb gap diagnose``, ``blind``, ``report``, and ``feltmb fit``: models against records."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+from feltmb.cli.gap_plan import plan
+from feltmb.cli.gap_records import check, join
+from feltmb.cli.models import (
+    DATA,
+    EXCLUDE,
+    HOLD_OUT,
+    MEASURED,
+    MODEL,
+    READING,
+    STATED,
+    config_option,
+    effects,
+    held_out,
+    load_adapter,
+)
+from feltmb.cli.options import (
+    FORCE,
+    MODEL_SET,
+    SET,
+    FileName,
+    FolderName,
+    Number,
+    argument,
+    count,
+    declare,
+    fields_of,
+    group,
+    option,
+    positive,
+)
+from feltmb.cli.screen import (
+    ProgressLine,
+    check_targets,
+    complain,
+    console,
+    is_terminal,
+    load_with_settings,
+    print_json,
+    redraw,
+    save_text,
+    say,
+    say_written,
+    show,
+)
+
+from feltmb.cli.completing import actions
+from unmodeled.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from feltmb.cli.models import Adapter, Stated
+
+    from unmodeled import Explained, Options, Report
+    from unmodeled.data import ReadOptions
+    from unmodeled.search.result import Case
+
+__all__ = ["command", "fit", "floors", "run"]
+
+#: Endings of files for a remedy; another name is that of a folder. Lines of a difference.
+REMEDIES = (".toml", ".xml")
+DIFF = 60
+
+CREDIBILITY = {"type": Number(0.5, 1, max_open=True)}
+SECONDS = {"type": positive("s")}
+
+
+@group("gap")
+def command() -> None:
+    """Diagnose the gap between a model and measurements: which cause, how much, where.
+
+    A model is a packaged mechanism, a mechanism file, an FMU, a MuJoCo model (robot.xml), or a
+    function or model of a Python file (model.py:cart). Measured files are CSV, MAT, HDF5, NetCDF,
+    Parquet, Feather or MCAP. A TOML file of the same name describes each file.
+    """
+
+
+command.add_command(check)
+command.add_command(join)
+command.add_command(plan)
+
+
+# --- diagnosis -----------------------------------------------------------------------------------
+
+
+@declare("diagnose", command, more=[config_option])
+def run(
+    model: str = MODEL,
+    data: tuple[Path, ...] = DATA,
+    hold_out: tuple[str, ...] = HOLD_OUT,
+    out: Path | None = option(
+        "Folder for report.html, report.txt, report.json and the remedy; or a file for the remedy: "
+        "the mechanism or the numbers (TOML), a MuJoCo model (XML).",
+        metavar="NAME",
+    ),
+    stated: Stated = STATED,
+    exclude: tuple[str, ...] = EXCLUDE,
+    include: tuple[str, ...] = option(
+        "Effect of the library that is added to the model before the diagnosis, with its magnitude "
+        "as a parameter.",
+        metavar="EFFECT",
+        complete=effects,
+    ),
+    options: Options = fields_of(
+        "gap.options:Options",
+        credibility=CREDIBILITY,
+        missing={"words": "--prior", "type": Number(0, 1, min_open=True, max_open=True)},
+        most={"words": "--max-effects", "type": count(1, 6)},
+        seconds=SECONDS,
+    ),
+    good_enough: tuple[str, ...] = option(
+        "Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm; default: 1 % of the "
+        "motion.",
+        metavar="[CHANNEL=]SIZE",
+    ),
+    reading: ReadOptions = READING,
+    measured: Path | None = MEASURED,
+    settings: tuple[str, ...] = MODEL_SET,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Diagnose the gap between MODEL and measured DATA.
+
+    MODEL is a mechanism, an FMU, a MuJoCo model (robot.xml), or a function of a Python file
+    (model.py:cart).
+
+    Ctrl-C ends the search; the answer rests on the fits so far.
+    """
+    from unmodeled import diagnose
+
+    adapter = load_adapter(model, settings, stated=stated)
+    folder, remedy = _places(out, adapter, force=force)
+    groups = adapter.read_each(data, reading)
+    records = tuple(r for group in groups for r in group)
+    if include or measured is not None or not adapter.default:
+        adapter = adapter.with_records(records).including(include).measured(measured)
+    line = ProgressLine()
+    report = diagnose(
+        adapter.model,
+        None if adapter.default else adapter.effects,
+        records,
+        exclude=exclude,
+        hold_out=held_out(hold_out, data, groups) or None,
+        options=replace(options, good_enough=floors(good_enough, adapter.model.units)),
+        tell=line,
+    )
+    line.close()
+    if as_json:
+        print_json(report.as_dict())
+    else:
+        say(report.text(console().width))
+    if folder is not None:
+        title = f"{adapter.model.name}: diagnosis"
+        say_written(report.write(folder, title=title, force=force))
+    _remedy(report, remedy, alone=folder is None, force=force)
+
+
+def _places(out: Path | None, adapter: Adapter, *, force: bool) -> tuple[Path | None, Path | None]:
+    """Folder of the report and file of the remedy, checked before anything is computed."""
+    from unmodeled.files import check_writable, make_folder
+
+    folder = out if out is not None and out.suffix.lower() not in REMEDIES else None
+    remedy = None if folder is not None else out
+    if folder is not None:
+        make_folder(folder)
+        remedy = folder / f"remedy{adapter.model.suffixes[0]}"
+        for name in ("report.html", "report.txt", "report.json"):
+            check_writable(folder / name, force=force)
+    if remedy is not None:
+        check_writable(remedy, force=force)
+        adapter.model.check_writing(remedy)
+    return folder, remedy
+
+
+def _remedy(report: Report, path: Path | None, *, alone: bool, force: bool) -> None:
+    """Write the remedy, if there is one; beside a report it may be impossible."""
+    if path is None or report.model is None:
+        return
+    try:
+        _write_remedy(report.model, path, force=force)
+    except InvalidParameter as error:
+        if alone:
+            raise
+        complain(f"no remedy: {error}")
+
+
+def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
+    """Write the model with what was found, and show how its file differs."""
+    from difflib import unified_diff
+
+    say_written(model.write(path, force=force))
+    old = model.original.text
+    if old and path.suffix == model.original.suffixes[0]:
+        new = path.read_text("utf-8").splitlines()
+        lines = [*unified_diff(old.splitlines(), new, "unchanged", path.name, n=0, lineterm="")]
+        say("\n".join(lines[:DIFF]) + (f"\n... {len(lines) - DIFF} more" if lines[DIFF:] else ""))
+    if model.left_out and path.suffix != ".toml":
+        say(f"not in {path.name}: {', '.join(model.left_out)}; it has no place for them")
+
+
+def floors(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
+    """Accepted differences by channel or SI unit, from ``0.2mm`` or ``CHANNEL=0.2mm``.
+
+    ``units``: SI unit of each channel of the model, if it is known. A number without a unit has
+    that of the channel.
+    """
+    from unmodeled.units import number_and_unit
+    from unmodeled.units.names import ACCEPTED_UNITS, conversion_factor
+
+    out: dict[str, float] = {}
+    for text in texts:
+        channel, _, size = (part.strip() for part in text.rpartition("="))
+        value, unit = number_and_unit(size) or (0.0, "")
+        if not value > 0.0 or not (unit or channel):
+            raise InvalidParameter(
+                f"--good-enough {text}: expected a size with its unit, such as 0.2mm, or "
+                "CHANNEL=0.2mm"
+            )
+        same = [units[channel]] if units.get(channel) else []
+        base = [name for name, (factor, _) in ACCEPTED_UNITS.items() if factor == 1.0]
+        for name in same or base:
+            try:
+                factor = conversion_factor(unit or name, name)
+            except InvalidParameter as error:
+                if same:
+                    raise InvalidParameter(f"--good-enough {text}: {error}") from error
+                continue
+            out[channel or name] = value * factor
+            break
+        else:
+            raise InvalidParameter(f"--good-enough {text}: unit {unit!r} is not known")
+    return out
+
+
+# --- fit without a diagnosis ---------------------------------------------------------------------
+
+
+@declare("fit")
+def fit(
+    model: str = MODEL,
+    data: tuple[Path, ...] = DATA,
+    options: Options = fields_of("gap.options:Options", seconds=SECONDS),
+    out: Path | None = option("Folder for fit.json.", FolderName(), metavar="DIRECTORY"),
+    reading: ReadOptions = READING,
+    settings: tuple[str, ...] = MODEL_SET,
+    stated: Stated = STATED,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Fit the parameters of MODEL to measured DATA, and print values and intervals.
+
+    MODEL is a mechanism (packaged or a TOML file), an FMU, a MuJoCo model (robot.xml), or a
+    function or model of a Python file (model.py:cart). Effects are not searched;
+    `feltmb gap diagnose` does that.
+    """
+    from unmodeled import fit_model
+    from unmodeled.files import make_folder
+
+    file = None if out is None else make_folder(out) / "fit.json"
+    check_targets(file, force=force)
+    adapter = load_adapter(model, settings, stated=stated)
+    line = ProgressLine()
+    report = fit_model(adapter.model, adapter.read(data, reading), options=options, tell=line)
+    line.close()
+    save_text(file, report.to_json, force=force)
+    if as_json:
+        print_json(report.as_dict())
+    else:
+        _print_fit(adapter.model.name, report)
+
+
+def _print_fit(name: str, report: Report) -> None:
+    def bracket(unit: str) -> str:
+        return "" if unit == "1" else f" [{unit}]"
+
+    show(
+        name,
+        "=parameter | >fitted | >95 % | >prior",
+        [
+            (
+                p.name + bracket(p.unit),
+                f"{p.value:.5g}",
+                f"{p.low:.4g} .. {p.high:.4g}",
+                f"{p.tabulated:.4g} ± {p.sd:.2g}",
+            )
+            for p in report.parameters
+        ],
+    )
+    show(
+        "residual (rms)",
+        "=channel | >tabulated | >fitted | >noise",
+        [
+            (
+                f"{c.name} [{c.unit}]",
+                f"{c.tabulated:.3g}",
+                f"{c.explained:.3g}",
+                "" if c.noise != c.noise else f"{c.noise:.3g}",
+            )
+            for c in report.channels
+        ],
+    )
+    for cause in (*report.named, *(c for alike in report.classes for c in alike)):
+        say(f"{cause.cause}: it is wrong, probability {cause.probability:.0%}")
+    for note in report.notes:
+        say(f"note: {note}")
+    if any(c.material for c in report.channels):
+        say("the model does not explain the records: see feltmb gap diagnose")
+
+
+# --- simulated machines --------------------------------------------------------------------------
+
+
+class _Told:
+    """Prints each case with its withheld effect and the diagnosis, and the remaining time."""
+
+    def __init__(self) -> None:
+        self.start = time.monotonic()
+
+    def __call__(self, done: int, total: int, case: Case) -> None:
+        from unmodeled.units import unit_suffix
+
+        left = (time.monotonic() - self.start) / done * (total - done)
+        rest = f"; about {left:.0f} s left" if done < total else ""
+        unit = unit_suffix(case.unit)
+        what = f"{case.effect} {case.magnitude:.3g}{unit}" if case.effect else "nothing withheld"
+        said = case.verdict or case.error
+        if is_terminal():
+            redraw("")
+        say(f"{done} of {total}: {what}: {said} ({case.outcome}){rest}", err=True)
+
+
+@declare(
+    "blind", command, "Test the diagnosis of MODEL on simulated machines.", more=[config_option]
+)
+def blind(
+    model: str = MODEL,
+    data: tuple[Path, ...] = argument(required=False),
+    cases: int | None = option(
+        "Number of cases; default: one without an effect and one for each effect.",
+        count(1, 100_000),
+    ),
+    seed: int = option("Seed of all random draws.", count(0), 0),
+    only: tuple[str, ...] = option(
+        "Effect that is withheld; default: each effect in turn. All effects are candidates.",
+        words="--effect",
+        metavar="EFFECT",
+        complete=effects,
+    ),
+    hold_out: tuple[str, ...] = option(
+        "Record that is held out to confirm the findings.", metavar="NAME"
+    ),
+    out: Path | None = option(
+        "Folder for blind.json. Ctrl-C ends the run with the finished cases.",
+        FolderName(),
+        metavar="DIRECTORY",
+    ),
+    options: Options = fields_of("gap.options:Options", credibility=CREDIBILITY, seconds=SECONDS),
+    stated: Stated = STATED,
+    exclude: tuple[str, ...] = EXCLUDE,
+    reading: ReadOptions = READING,
+    settings: tuple[str, ...] = MODEL_SET,
+    *,
+    as_json: bool,
+) -> None:
+    """Estimate how often a diagnosis of MODEL would be correct on your machine.
+
+    Each case adds one effect of the library to the model, with a magnitude and parameters from
+    their priors, and simulates the inputs of DATA with the noise of its sensors. The diagnosis does
+    not know the effect. Without DATA the planned runs of the model are used. Machine and model have
+    the same equations, so a real machine is more difficult.
+    """
+    from unmodeled import withhold
+    from unmodeled.files import make_folder
+
+    adapter = load_adapter(model, settings, stated=stated)
+    groups = adapter.read_each(data, reading) if data else (adapter.planned,)
+    records = tuple(r for group in groups for r in group)
+    if not records:
+        raise InvalidParameter(f"{model}: has no planned runs; give measured or planned files")
+    adapter = adapter.with_records(records, exclude)
+    if out is not None:
+        make_folder(out)
+    found = withhold(
+        adapter.model,
+        adapter.effects,
+        records,
+        cases=cases,
+        seed=seed,
+        only=list(dict.fromkeys(only)) or None,
+        hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
+        options=options,
+        progress=_Told(),
+    )
+    result = found.as_dict()
+    if out is not None:
+        text = json.dumps(result, indent=1, sort_keys=True) + "\n"
+        save_text(out / "blind.json", text, force=True)
+    if as_json:
+        print_json(result)
+        return
+    from unmodeled.search.result import OUTCOMES
+
+    rows = []
+    for row in found.rows():
+        ratio = f"{row['signal_to_noise']:.3g}" if row["effect"] else ""
+        counts = [str(row[word] or "") for word in OUTCOMES]
+        rows.append([row["effect"] or "(nothing)", ratio, *counts])
+    show("withheld", f"=effect | >S/N | {' | '.join(f'>{word}' for word in OUTCOMES)}", rows)
+    shares = found.shares()
+    for word, text in (
+        ("right", "right, signal-to-noise ratio of 5 or more"),
+        ("wrong", "wrong, signal-to-noise ratio of 5 or more"),
+        ("false alarm", "false alarms, nothing withheld"),
+        ("intervals", "95 % intervals that contain the truth"),
+    ):
+        if word in shares:
+            value, low, high, number = shares[word]
+            say(f"{text}: {value:.0%} of {number} (95 %: {low:.0%} to {high:.0%})")
+
+
+# --- page for a customer -------------------------------------------------------------------------
+
+
+@declare("report", command, "Write a page for a customer.")
+def report(
+    result: Path = argument(),
+    action: str = argument(complete=actions),
+    customer: bool = option(
+        "One page for a customer: the guilty part, what the hand feels, what was done.",
+        required=True,
+    ),
+    out: Path = option(
+        "Page to write: .pdf or .html.", FileName(".pdf", ".html"), metavar="FILE", required=True
+    ),
+    after: str | None = option(
+        "Mechanism after the work; default: ACTION without the causes.",
+        metavar="ACTION",
+        complete=actions,
+    ),
+    done: str | None = option(
+        "Work that was done, a sentence for each item. Default: what should be done.",
+        metavar="TEXT",
+    ),
+    title: str = option("Head line.", default="Your piano action"),
+    workshop: str = option("Name of the workshop.", default="", metavar="NAME"),
+    photo: Path | None = option(
+        "Photo, PNG or JPEG.", click.Path(dir_okay=False, path_type=Path), metavar="FILE"
+    ),
+    settings: tuple[str, ...] = SET,
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Write a page about RESULT, the report.json of a diagnosis of ACTION or its folder."""
+    from feltmb.action.customer import customer_page
+
+    del customer  # the only kind of page so far
+    check_targets(out, force=force)
+    page = customer_page(
+        result,
+        load_with_settings(action, settings),
+        after=after,
+        title=title,
+        workshop=workshop,
+        done=[] if done is None else re.split(r"(?<=[.!])\s+", done.strip()),
+        photo=photo,
+    )
+    written = page.write(out, force=force)
+    if as_json:
+        print_json({"sentences": page.sentences, page.head: page.work, "file": str(written)})
+    else:
+        say_written(written)
