@@ -1,6 +1,9 @@
 """An FMU as a simulator, by FMPy; where installed."""
 
+import shutil
+import tempfile
 import tomllib
+import zipfile
 
 import numpy as np
 import pytest
@@ -126,6 +129,89 @@ def test_a_run_of_an_fmu_does_not_depend_on_those_before(fmu):
     alone = last(cart(fmu), one)
     assert np.array_equal(last(cart(fmu), other, one), alone)
     assert not np.array_equal(last(cart(fmu), other), alone)
+
+
+@pytest.fixture(scope="module")
+def clocked(tmp_path_factory):
+    return units.clocked(tmp_path_factory.mktemp("clocked"))
+
+
+@pytest.mark.parametrize("even", [True, False])
+@pytest.mark.parametrize("start", [0.0, 2.5])
+@pytest.mark.parametrize("inputs", [(), ("u",)])
+def test_model_exchange_gives_the_numbers_of_fmpy(clocked, inputs, start, even):
+    """Without an input, all samples but the last one were the start values."""
+    import fmpy
+
+    time = start + np.linspace(0.0, 4.0, 201)
+    if not even:
+        time[1:-1] += 4e-3 * np.sin(np.arange(1, 200))
+    force = np.sin(3.0 * time)
+    names = ("x", "v", "h", "w")
+    model = unmodeled.fmu(clocked, parameters={"mu": (None, 0.1, "1")}, unknown={}, inputs=inputs)
+    record = Record(
+        name="a",
+        time=time,
+        inputs={"u": force} if inputs else {},
+        outputs={n: np.zeros(201) for n in names},
+    )
+    got = model.simulate(record, Jobs(theta=np.array([[1.4]]), starts=np.zeros((1, 0))))[0]
+    every = start + np.linspace(0.0, 4.0, 2001)
+    table = np.array(list(zip(every, np.sin(3.0 * every), strict=True)),
+                     [("time", float), ("u", float)])  # fmt: skip
+    seen = fmpy.simulate_fmu(
+        str(clocked), start_time=start, stop_time=start + 4.0, output_interval=2e-3,
+        relative_tolerance=1e-8, start_values={"mu": 1.4}, input=table if inputs else None,
+        record_events=False, output=list(names),
+    )  # fmt: skip
+    for i, name in enumerate(names):
+        wanted = np.interp(time, seen["time"], seen[name])
+        assert np.ptp(wanted) > 0.9
+        # The speed of the ball jumps; FMPy alone gives an input in steps of its output.
+        away = np.interp(time, seen["time"], seen["h"]) > 0.1 if name == "w" else np.full(201, True)
+        np.testing.assert_allclose(
+            got[away, i], wanted[away], atol=1e-3 if inputs else 3e-4, err_msg=name
+        )
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"no archive", "cannot be read as an FMU: File is not a zip file"),
+        ({"modelDescription.xml": b"<x/>"}, "cannot be read as an FMU"),
+        ({"modelDescription.xml": b" " * 100_000_001}, "modelDescription.xml has 100000001 bytes"),
+        ({"big": 2_000_000_001}, "unpacked it has 2000000001 bytes; the limit is 2000000000"),
+    ],
+)
+def test_an_fmu_that_cannot_be_read_is_told(tmp_path, content, said):
+    pytest.importorskip("fmpy")
+    path = tmp_path / "bad.fmu"
+    if isinstance(content, bytes):
+        path.write_bytes(content)
+    else:
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, text in content.items():
+                archive.writestr(name, text if isinstance(text, bytes) else b"")
+        if "big" in content:  # the size that it states
+            path.write_bytes(
+                path.read_bytes().replace(b"\0\0\0\0\x03\0", b"\x01\x94\x35\x77\x03\0")
+            )
+    with pytest.raises(InvalidParameter, match=said):
+        unmodeled.fmu(path)
+
+
+def test_no_folder_stays_behind_if_an_fmu_cannot_be_unpacked(fmu, tmp_path, monkeypatch):
+    path = shutil.copy(fmu, tmp_path / "cart.fmu")
+    model = cart(path)
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("C:/x", b"")
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    time = np.arange(3.0)
+    record = Record(name="a", time=time, inputs={"force": time}, outputs={"x": time})
+    with pytest.raises(InvalidParameter, match="cannot be unpacked as an FMU: Illegal path C:/x"):
+        model.ready([record])
+    assert not list((tmp_path / "temporary").iterdir())
 
 
 @pytest.mark.slow

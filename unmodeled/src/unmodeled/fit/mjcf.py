@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -10,10 +12,11 @@ from typing import Any, Literal
 import numpy as np
 
 from unmodeled.arguments import checked
-from unmodeled.data import Array
+from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import is_file, write_text
-from unmodeled.fit.model import Candidate
+from unmodeled.fit.mjcf_parts import outside_parts
+from unmodeled.fit.model import Candidate, Ready
 from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
 from unmodeled.fit.simulator import Simulator
 
@@ -30,6 +33,12 @@ JOINTS = {
 #: Share of the inertia of a joint that its backlash joint gets as armature; time constant of the
 #: limits of the clearance [s], at least two time steps.
 ARMATURE, CONTACT = 0.01, 4e-3
+#: End of the name of a backlash joint.
+BACKLASH = "_backlash"
+
+
+#: Steps of MuJoCo between two looks for Ctrl-C.
+STEPS = 1000
 
 
 def _mujoco() -> Any:
@@ -40,6 +49,20 @@ def _mujoco() -> Any:
             "mujoco: the package mujoco is not installed; pip install mujoco"
         ) from None
     return mujoco
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """A block whose warnings of MuJoCo are not printed, nor written into a file MUJOCO_LOG.TXT."""
+    mj = _mujoco()
+    told = mj.get_mju_user_warning()
+    mj.set_mju_user_warning(_silent)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield
+    finally:
+        mj.set_mju_user_warning(told)
 
 
 @dataclass(frozen=True)
@@ -60,6 +83,15 @@ class _Mjcf:
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
         self._spec: Any = None
         self._model: Any = None
+        self.outside: tuple[Path, ...] = ()
+        """Files of the model that are not in its folder."""
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Notes for the user."""
+        names = ", ".join(map(str, self.outside[:5]))
+        more = f" and {len(self.outside) - 5} more" if len(self.outside) > 5 else ""
+        return (f"reads files outside its folder: {names}{more}",) if names else ()
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_spec": None, "_model": None}
@@ -79,20 +111,26 @@ class _Mjcf:
     def _read_file(self) -> None:
         if self._spec is not None:
             return
+        self.outside = outside_parts(self.path)
         try:
-            spec = _mujoco().MjSpec.from_file(str(self.path))
-            self._model = spec.compile()
-        except ValueError as error:
+            with _quiet():
+                spec = _mujoco().MjSpec.from_file(str(self.path))
+                _name_actuators(spec)
+                self._model = spec.compile()
+        except (ValueError, RuntimeError, MemoryError) as error:
             raise InvalidParameter(f"{self.path}: cannot be read as MJCF: {error}") from None
         self._spec = spec
 
     def patched(self, values: Mapping[str, float]) -> Any:
         """The specification with these values of properties, ``JOINT.damping``; others stay."""
         out = self.spec.copy()
+        slack = [n[:-9] for n, v in values.items() if n.endswith(".backlash") and v > 0.0]
+        if slack:
+            self._move_keys(out, slack)
         for name, value in values.items():
             owner, _, what = name.rpartition(".")
             if what == "backlash":
-                if value > 0.0:
+                if owner in slack:
                     self._add_backlash(out, owner, value)
             elif what == "mass":
                 body = out.body(owner)
@@ -128,28 +166,42 @@ class _Mjcf:
         model = self.model
         inertia = float(model.dof_M0[model.joint(name).dofadr[0]])
         extra = joint.parent.add_joint(
-            name=f"{name}_backlash",
+            name=f"{name}{BACKLASH}",
             type=joint.type,
             axis=joint.axis,
             pos=joint.pos,
             range=[-value, value],
             limited=mj.mjtLimited.mjLIMITED_TRUE,
             armature=float(f"{ARMATURE * inertia:.3g}"),
+            # These would be the defaults of the joints of this file.
+            frictionloss=0.0,
+            ref=0.0,
+            springref=0.0,
+            margin=0.0,
+            springdamper=[0.0, 0.0],
+            actfrclimited=mj.mjtLimited.mjLIMITED_FALSE,
         )
+        extra.damping = np.zeros(np.shape(joint.damping))
+        extra.stiffness = np.zeros(np.shape(joint.stiffness))
         extra.solref_limit = [max(CONTACT, 2.0 * float(model.opt.timestep)), 1.0]
         if spec.compiler.degree and joint.type == mj.mjtJoint.mjJNT_HINGE:
             extra.range = np.degrees([-value, value])
 
+    def _move_keys(self, spec: Any, slack: Sequence[str]) -> None:
+        """Keyframes of a specification whose joints have backlash joints behind them."""
+        model = self.model
+        joints = [model.joint(n) for n in slack]
+        qpos = [int(j.qposadr[0]) + 1 for j in joints]
+        qvel = [int(j.dofadr[0]) + 1 for j in joints]
+        for i, key in enumerate(spec.keys):
+            key.qpos = np.insert(model.key_qpos[i], qpos, 0.0)
+            key.qvel = np.insert(model.key_qvel[i], qvel, 0.0)
+
     def __call__(
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
     ) -> dict[str, Array]:
-        mj = _mujoco()
-        told = mj.get_mju_user_warning()
-        mj.set_mju_user_warning(_silent)  # MuJoCo would write them into a file MUJOCO_LOG.TXT
-        try:
+        with _quiet():
             return self._run(time, inputs, parameters)
-        finally:
-            mj.set_mju_user_warning(told)
 
     def _run(
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
@@ -159,10 +211,13 @@ class _Mjcf:
         data = mj.MjData(model)
         if self.key:
             mj.mj_resetDataKeyframe(model, data, model.key(self.key).id)
-        drives = [
-            (i, inputs[name]) for i in range(model.nu) if (name := model.actuator(i).name) in inputs
-        ]
+        drives = [(i, inputs[n]) for n, i in _controls(model).items() if n in inputs]
         step = float(model.opt.timestep)
+
+        def step_on(count: int) -> None:
+            while count > 0:  # Ctrl-C is heard between the calls
+                mj.mj_step(model, data, min(count, STEPS))
+                count -= STEPS
 
         def advance(span: float, j: int) -> None:
             count = max(1, round(span / step))
@@ -173,12 +228,12 @@ class _Mjcf:
                 for i, u in drives:
                     rise = (k + 0.5) / count * (u[j + 1] - u[j]) if self.hold == "linear" else 0.0
                     data.ctrl[i] = u[j] + rise
-                mj.mj_step(model, data, 1 if self.hold == "linear" else count)
+                step_on(1 if self.hold == "linear" else count)
 
         if self.settle:
             for i, u in drives:
                 data.ctrl[i] = u[0]
-            mj.mj_step(model, data, round(self.settle / step))
+            step_on(round(self.settle / step))
         seen = np.empty((time.size, model.nq + model.nv + model.nsensordata))
         for j in range(time.size):
             if model.nsensor:
@@ -204,11 +259,11 @@ def _readings(model: Any) -> dict[str, list[int]]:
     """
     found: dict[str, list[int]] = {}
     joints = {model.joint(i).name: i for i in range(model.njnt)}
-    drives = {model.actuator(i).name for i in range(model.nu)}
+    drives = _controls(model)
     for name, i in joints.items():
-        if model.jnt_type[i] < 2 or (name.endswith("_backlash") and name[:-9] in joints):
+        if model.jnt_type[i] < 2 or (name.endswith(BACKLASH) and name[: -len(BACKLASH)] in joints):
             continue  # a joint with more than one coordinate
-        both = [i, *([joints[f"{name}_backlash"]] if f"{name}_backlash" in joints else [])]
+        both = [i, *([joints[name + BACKLASH]] if name + BACKLASH in joints else [])]
         found[f"{name}.position"] = [int(model.jnt_qposadr[k]) for k in both]
         found[f"{name}.velocity"] = [model.nq + int(model.jnt_dofadr[k]) for k in both]
         if name not in drives:
@@ -220,11 +275,53 @@ def _readings(model: Any) -> dict[str, list[int]]:
     return found
 
 
+def _controls(model: Any) -> dict[str, int]:
+    """Actuators by name, as indices of their controls."""
+    each = range(getattr(model, "nactuator", model.nu))
+    first = getattr(model, "actuator_ctrladr", each)
+    return {name: int(first[i]) for i in each if (name := model.actuator(i).name)}
+
+
+def _name_actuators(spec: Any) -> None:
+    """Name the actuators of a specification that have no name as their joints."""
+    mj = _mujoco()
+    used = {a.name for a in spec.actuators}
+    for a in spec.actuators:
+        joint = a.trntype in (mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT)
+        if not a.name and joint and a.target not in used:  # of two at one joint, the first one
+            a.name = a.target
+            used.add(a.name)
+
+
 class MujocoModel(Simulator):
     """Result of :func:`mujoco`."""
 
     mjcf: _Mjcf
     """The function, which makes changed models with ``mjcf.patched``."""
+
+    def matched(self, records: Sequence[Record]) -> Ready:
+        """See :class:`~unmodeled.fit.Model`.
+
+        Raises
+        ------
+        InvalidParameter
+            An input of a record is no actuator.
+        """
+        known = _controls(self.mjcf.model)
+        if not any(self._open):
+            ready = super().matched(records)
+            left = ", ".join(n for n in known if n not in self.inputs)
+            note = f"no column is its actuator {left}, which keeps its start value"
+            return replace(ready, notes=(*ready.notes, note)) if left else ready
+        for r in records if self._open[0] else ():
+            if wrong := [n for n in r.inputs if n not in known]:
+                raise InvalidParameter(
+                    f"model {self.name}: the input {wrong[0]} of record {r.name} is no actuator"
+                    f"{near_names(wrong[0], known)}; there are {', '.join(known) or 'none'} "
+                    f"(--column ACTUATOR={wrong[0]}, in Python columns of ReadOptions, says which "
+                    "it is; inputs= of the model chooses)"
+                )
+        return super().matched(records)
 
     @property
     def text(self) -> str:
@@ -248,10 +345,9 @@ class MujocoModel(Simulator):
         model = self.mjcf.model
         known = _properties(_mujoco(), model)
         values = {n: v for n, v in values.items() if v != known[n].value}
-        for i in range(model.nu):
-            name = model.actuator(i).name
+        for name in _controls(model):
             late = -effects.get(f"delay of input {name}", 0.0)
-            if name and late > 0.0 and hasattr(model, "actuator_delay"):
+            if late > 0.0 and hasattr(model, "actuator_delay"):
                 values[f"{name}.delay"] = late
                 del effects[f"delay of input {name}"]
         return values, effects
@@ -354,6 +450,12 @@ def mujoco(
             raise InvalidParameter(
                 f"{path}: has no property {n}{near_names(n, known)}; there are {', '.join(known)}"
             )
+    actuators = _controls(function.model)
+    if wrong := [n for n in inputs or () if n not in actuators]:
+        raise InvalidParameter(
+            f"{path}: its input {wrong[0]} is no actuator{near_names(wrong[0], actuators)}; "
+            f"there are {', '.join(actuators) or 'none'}"
+        )
     if unknown is None:
         chosen = {n: v for n, v in known.items() if n not in listed and v.tested}
         unknown = {n: (v.value, 0.0, v.unit) for n, v in chosen.items()}
@@ -393,10 +495,13 @@ def _properties(mj: Any, model: Any) -> dict[str, _Property]:
             "stiffness": model.jnt_stiffness[i],
             "backlash": 0.0,
         }
-        for what, (slide, hinge, mechanism) in JOINTS.items():
+        if i + 1 < model.njnt and model.jnt_bodyid[i + 1] == model.jnt_bodyid[i]:
+            del values["backlash"]  # its second joint would be behind the next one
+        for what, value in values.items():
+            slide, hinge, mechanism = JOINTS[what]
             unit = slide if kind == int(mj.mjtJoint.mjJNT_SLIDE) else hinge
-            found[f"{name}.{what}"] = _Property(float(values[what]), unit, mechanism)
-    for i in range(model.nu):
+            found[f"{name}.{what}"] = _Property(float(value), unit, mechanism)
+    for i in range(getattr(model, "nactuator", model.nu)):
         name, servo = model.actuator(i).name, bool(model.actuator_biastype[i])
         gain, gear = float(model.actuator_gainprm[i, 0]), float(model.actuator_gear[i, 0])
         if name:
