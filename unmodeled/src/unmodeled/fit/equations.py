@@ -14,8 +14,8 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
+from unmodeled.fit.batch import System, Traces, sensitivities, simulated, untraced
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
-from unmodeled.fit.integrate import effects_of, integrate
 from unmodeled.fit.model import (
     BETWEEN,
     INTERPOLATION,
@@ -42,7 +42,6 @@ from unmodeled.fit.priors import (
     sized,
     unknown_effects,
 )
-from unmodeled.fit.variational import variational_sensitivities
 from unmodeled.units import same_unit, to_si
 
 __all__ = [
@@ -142,10 +141,6 @@ class Equations(Model):
         self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
         self.method = method
         self._resolved = False
-        #: By included effects: whether the variational equations predict changes of the outputs.
-        self._smooth: dict[object, bool] = {}
-        #: Last motion by record and included effects, once the model is prepared for a fit.
-        self._motions: dict[object, Array] | None = None
         self._outputs = dict(outputs)
         self._unknown = tuple(neutral)
         self.units = _units_of(self._outputs, self._states)
@@ -153,6 +148,8 @@ class Equations(Model):
         self._port_states = dict(ports or {})
         self._make_ports()
         self._check()
+        #: What is traced of the functions; copies with other values share it.
+        self._traces = Traces()
 
     def _make_ports(self) -> None:
         self.ports = tuple(
@@ -244,9 +241,8 @@ class Equations(Model):
             return Ready(self, tuple(records))
         try:
             self._check_inputs(records)
-            own = copy.copy(self._scaled(records))
-            own._motions = {}
-            out, notes = resolved(own, records)
+            out, notes = resolved(self._scaled(records), records)
+            notes += untraced(out._system, out._traces)
             out.effects, sizes = sized(out, out.effects, self._unsized, records)
         except Error:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
@@ -319,11 +315,10 @@ class Equations(Model):
     def motion(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~unmodeled.fit.Model`."""
         with np.errstate(all="ignore"):
-            found = integrate(self, [(record, jobs)], keep=1)
-        return np.moveaxis(found.samples, -1, 0)
+            return simulated(self._system, self._traces, [(record, jobs)])[0][1]
 
     def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
-        """Derivatives from the variational equations, or by differences if the rates jump."""
+        """Derivatives along the tape of the rates, or by differences if the rates jump."""
         for request in requests:
             request.check(self)
         own = (Equations.simulate, Equations.simulate_all)
@@ -331,7 +326,7 @@ class Equations(Model):
             return super().sensitivities(requests)
         self._check_inputs([r.record for r in requests])
         with np.errstate(all="ignore"):
-            found = variational_sensitivities(self, requests)
+            found = sensitivities(self, self._system, self._traces, requests)
         jump = [i for i, s in enumerate(found) if s is None]
         if jump:
             rest = super().sensitivities([requests[i] for i in jump])
@@ -341,19 +336,31 @@ class Equations(Model):
 
     def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
         self._check_inputs([record for record, _ in batches])
-        groups: dict[object, list[int]] = {}
-        for i, (_, jobs) in enumerate(batches):
-            groups.setdefault(None if jobs.forces is None else jobs.forces.shape[2], []).append(i)
-        runs: dict[int, Array] = {}
         with np.errstate(all="ignore"):
-            for group in groups.values():  # jobs with the same effects follow each other
-                first: dict[object, int] = {}
-                for i in group:
-                    first.setdefault(effects_of(batches[i][1]), i)
-                group.sort(key=lambda i: first[effects_of(batches[i][1])])
-                found = integrate(self, [batches[i] for i in group]).runs
-                runs.update(zip(group, found, strict=True))
-        return [runs[i] for i in range(len(batches))]
+            return [y for y, _ in simulated(self._system, self._traces, batches)]
+
+    @property
+    def _system(self) -> System:
+        """What is integrated."""
+        coordinates = {c.name: c for c in self.coordinates}
+
+        def push(port: str) -> Callable[..., Mapping[str, Any]]:
+            if port in coordinates:
+                return coordinates[port]._push
+            return lambda force, *_: {self._port_states[port]: force}
+
+        return System(
+            self.name,
+            self._states,
+            self._rates,
+            self._outputs,
+            self.inputs,
+            tuple(p.name for p in self.parameters),
+            {port.name: push(port.name) for port in self.ports},
+            self.hold,
+            self.method,
+            self.substeps or 1,
+        )
 
 
 def _units_of(outputs: Mapping[str, Any], states: Sequence[State]) -> dict[str, str]:
