@@ -16,7 +16,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import is_file
-from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
+from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 from unmodeled.units import spelled_unit
 
@@ -54,6 +54,9 @@ class _Fmu:
         self.at_end = at_end
         """Inputs that the FMU itself moves to the given value, which it reaches after the step."""
         self.notices = notices
+        self.units: dict[str, str] = {}
+        self.values: dict[str, float | None] = {}
+        self.limits: dict[str, tuple[float, float]] = {}
         self._folder = ""
         self._description: Any = None
         self._loaded: Any = None
@@ -338,8 +341,6 @@ def fmu(
         inputs = _channels(description, "input")
     every = outputs is None
     outputs = _channels(description, "output") if outputs is None else outputs
-    stated = {n: (_start(v), _unit(v)) for n, v in variables.items()}
-    parameters, unknown = from_file(parameters, unknown, stated)
     listed = [*(p if isinstance(p, str) else p.name for p in parameters), *(unknown or {})]
     wanted = [*listed, *inputs, *outputs]
     missing = [n for n in wanted if n not in variables]
@@ -355,13 +356,18 @@ def fmu(
         if (description.generationTool or "").startswith("feltmb")
         and not (variables[n].description or "").endswith("hold: zero")
     )
+    told = _notices(run_as, variables, list(inputs))
+    function = _Fmu(path, tuple(outputs), run_as, hold, at_end, told)
+    function.units = {n: _unit(v) for n, v in variables.items()}
+    function.values = {n: _start(v) for n, v in variables.items()}
+    function.limits = _limits(variables, listed)
     out = Simulator(
-        _Fmu(path, tuple(outputs), run_as, hold, at_end, _notices(run_as, variables, list(inputs))),
+        function,
         parameters=parameters,
         inputs=inputs,
         outputs=outputs,
         unknown=unknown,
-        bounds={**_limits(variables, listed), **(bounds or {})},
+        bounds=bounds,
         workers=workers,
         name=name or description.modelName,
     )

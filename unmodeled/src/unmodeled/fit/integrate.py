@@ -254,15 +254,15 @@ class System:
         model = self.model
         with self._calling:
             own_rates = tuple(model._rates(t, named, u, p))
-        if len(own_rates) != len(self.names):
-            raise InvalidParameter(
-                f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
-                f"each state: {', '.join(self.names)}"
-            )
-        for i, value in enumerate(own_rates):
-            if np.shape(value) not in ((), (1,), t.shape):
-                raise _wrong_shape(f"model {model.name}", self.names[i], value, t.size)
-            out[i] = value
+            if len(own_rates) != len(self.names):
+                raise InvalidParameter(
+                    f"model {model.name}: rates returned {len(own_rates)} values, expected one for "
+                    f"each state: {', '.join(self.names)}"
+                )
+            for i, value in enumerate(own_rates):
+                if np.shape(value) not in ((), (1,), t.shape):
+                    raise _wrong_shape(f"model {model.name}", self.names[i], value, t.size)
+                out[i] = value
 
     def outputs(self, t: Array, x: Array, u: Named, p: Named, slopes: Array | None) -> Array:
         """Outputs, (outputs, n); ``slopes``: rates of the states, if an output needs them."""

@@ -14,7 +14,7 @@ from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import is_file, write_text
 from unmodeled.fit.model import Candidate
-from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
+from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 
 __all__ = ["MujocoModel", "mujoco"]
@@ -58,6 +58,9 @@ class _Mjcf:
 
     def __init__(self, path: Path, key: str, settle: float, hold: str):
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
+        self.units: dict[str, str] = {}
+        self.values: dict[str, float] = {}
+        self.limits: dict[str, tuple[float, float]] = {}
         self._spec: Any = None
         self._model: Any = None
 
@@ -344,9 +347,9 @@ def mujoco(
         raise InvalidParameter(f"{path}: there is no such file")
     function = _Mjcf(path, key, settle, hold)
     known = _properties(mj, function.model)
-    parameters, unknown = from_file(
-        parameters, unknown, {n: (v.value, v.unit) for n, v in known.items()}
-    )
+    function.units = {n: v.unit for n, v in known.items()}
+    function.values = {n: v.value for n, v in known.items()}
+    function.limits = {n: (0.0, np.inf) for n, v in known.items() if v.value >= 0.0}
     listed = [p if isinstance(p, str) else p.name for p in parameters]
     asked = [*listed, *(unknown or {})]
     for n in asked:
@@ -357,8 +360,6 @@ def mujoco(
     if unknown is None:
         chosen = {n: v for n, v in known.items() if n not in listed and v.tested}
         unknown = {n: (v.value, 0.0, v.unit) for n, v in chosen.items()}
-    positive = {n: (0.0, np.inf) for n in asked + list(unknown) if known[n].value >= 0.0}
-    bounds = {**positive, **(bounds or {})}
     out = MujocoModel(
         function,
         parameters=parameters,
