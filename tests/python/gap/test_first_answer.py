@@ -13,7 +13,7 @@ import feltmb
 import unmodeled
 from unmodeled import Options, candidates
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.fit import Coordinate, Parameter
+from unmodeled.fit import Coordinate, Jobs, Parameter
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "howto" / "first_answer.md").read_text(encoding="utf-8")
@@ -390,7 +390,7 @@ def test_the_index_can_be_the_clock(clock):
 def test_a_wrong_name_of_a_column_is_told(fields, message):
     with pytest.raises((DataError, InvalidParameter), match=message):
         unmodeled.Record.from_frame(frame(), **fields)
-    with pytest.raises(InvalidParameter, match=r"got \[1.0\], expected a DataFrame"):
+    with pytest.raises(InvalidParameter, match="got list, expected a DataFrame"):
         unmodeled.Record.from_frame([1.0])
     with pytest.raises(DataError, match="no column trial; there are run"):
         unmodeled.records_from_frame(frame(), by="trial")
@@ -428,3 +428,49 @@ def test_a_file_for_mujoco_has_properties(tmp_path):
     (tmp_path / "no.xml").write_text("<urdf/>")
     with pytest.raises(InvalidParameter, match="cannot be read as MJCF"):
         unmodeled.mujoco(tmp_path / "no.xml")
+
+
+# ---------------------------------------------------------------- shapes
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (lambda t, x, u, p: (x.v,), "rates returned 1 values, expected one for each state: x, v"),
+        (lambda t, x, u, p: (x.v, u.motor / p.m, 0.0), "rates returned 3 values"),
+        (lambda t, x, u, p: {"x": x.v, "v": u.motor}, "its rates function raises ValueError"),
+        (lambda t, x, u, p: None, "its rates function raises TypeError"),
+    ],
+)
+def test_rates_that_are_not_one_for_each_state_are_told(given, message):
+    model = unmodeled.Equations(given, states={"x": "m", "v": "m/s"}, parameters=PRIORS)
+    record = unmodeled.Record.from_frame({"time": TIME, "motor": wave(), "x": wave()})
+    with pytest.raises(InvalidParameter, match=message):
+        model.diagnose([record], effects=[])
+
+
+def test_parameters_that_the_model_got_from_the_records_are_told_where_they_are_missing(tmp_path):
+    time = np.linspace(0.0, 4.0, 21)
+    some = [
+        unmodeled.Record.from_frame(
+            {"time": time, "motor": np.sin(8.0 * time + k), "x": np.sin(3.0 * time + k)},
+            sigma={"x": 1e-6},
+        )
+        for k in range(2)
+    ]
+    model = unmodeled.Equations(rates, states={"x": "m", "v": "m/s"}, parameters=PRIORS)
+    ready = model.ready(model.matched(some).records)
+    short = np.array([2.0, 90.0, 3.0])
+    calls = (
+        lambda: ready.model.simulate(
+            ready.records[0], Jobs(theta=short[None], starts=np.zeros((1, 2)))
+        ),
+        lambda: ready.model.motion(
+            ready.records[0], Jobs(theta=short[None], starts=np.zeros((1, 2)))
+        ),
+        lambda: ready.model.numbers(short, (), np.zeros(0)),
+        lambda: ready.model.write(tmp_path / "x.toml", short, (), np.zeros(0)),
+    )
+    for call in calls:
+        with pytest.raises(InvalidParameter, match=r"theta has .*: m, k, d, between.motor"):
+            call()

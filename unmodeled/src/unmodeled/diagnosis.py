@@ -106,7 +106,10 @@ def diagnose(
             problem = with_variation(problem)
         meter.stage("fit")
         searched = search(problem, options, meter.stage, meter.step)
+        needed = meter.needed
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
+        if not result.complete:
+            result = replace(result, needed=max(needed, time.monotonic() - began))
         meter.stage("done")
     report = Report.of(result)
     report.model = explained_model(ready.model, tested, result)

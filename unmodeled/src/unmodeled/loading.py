@@ -298,8 +298,7 @@ def _model_of(
 
     model = names.get(wanted)
     if callable(model) and not isinstance(model, (Model, type)):
-        causes = {n: (0.0, *u[1:]) if isinstance(u, tuple) else u for n, u in unknown.items()}
-        return Simulator(model, parameters=parameters, unknown=causes)
+        return Simulator(model, parameters=parameters, unknown=unknown)
     if model is not None and (parameters or unknown):
         raise InvalidParameter(
             f"{path}: --parameter and --unknown describe a function; {wanted} is "

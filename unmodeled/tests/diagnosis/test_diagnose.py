@@ -15,7 +15,7 @@ from unmodeled.search.options import Options
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import Reason, Verdict
 
-from .conftest import spring_record
+from .conftest import SIGMA, spring_record
 from .models import DRY, MASS, NOMINAL, TRUTH, line, record
 
 
@@ -155,6 +155,27 @@ def test_the_limit_of_time_still_answers(spring, causes):
     result = diagnose(spring, causes, three(hardening=2000.0), options=Options(seconds=1e-6))
     assert Reason.NOT_COMPLETE in result.reasons
     assert not result.complete
+    # What was not done is told, and the held-out records are predicted all the same.
+    assert {c.name for c in causes} <= set(result.not_tried)
+    assert len(result.not_tried) == result.causes
+    assert result.needed >= result.seconds
+    assert "causes were not tried" in result.summary()
+    assert Reason.NOT_PREDICTED not in result.reasons
+    assert all(np.isfinite(c.held_out_calibrated) for c in result.channels)
+
+
+def test_held_out_records_after_an_interruption_are_told(spring, causes):
+    stages = []
+
+    def tell(progress):
+        stages.append(progress.stage)
+        if stages[-2:] == ["held_out"] * 2:  # in the first step of the stage
+            raise KeyboardInterrupt
+
+    result = diagnose(spring, causes, three(hardening=2000.0), tell=tell)
+    assert Reason.INTERRUPTED in result.reasons
+    assert Reason.NOT_PREDICTED in result.reasons
+    assert np.isnan(result.channels[0].held_out_calibrated)
 
 
 def test_faults_are_told_at_once(spring, causes):
@@ -173,6 +194,10 @@ def test_an_offset_of_each_record_is_named_with_its_values(spring, causes):
     (named,) = result.named
     assert named.cause == "offset of sensor force in each record"
     assert named.by_record == pytest.approx(offsets, abs=0.03)
+    # The interval is that of the rms, as for every other magnitude: three means of 200 samples.
+    rms = np.sqrt(np.mean(np.square(offsets)))
+    assert named.low < rms < named.high
+    assert named.high - named.low == pytest.approx(2 * 1.96 * SIGMA / np.sqrt(600), rel=0.1)
     stiffness = result.parameters[0]
     assert stiffness.low < 100.0 < stiffness.high
 

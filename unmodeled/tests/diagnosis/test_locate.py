@@ -168,3 +168,25 @@ def test_without_ports_the_component_of_effects_is_told(spring):
     assert result.places[0].name == "right"
     assert not result.places[0].port
     assert result.places[0].left[0] < 2.0 * SIGMA
+
+
+def test_a_force_that_position_and_speed_explain_resembles_no_law():
+    """The speed is linear in time, the position is its square: nothing of the force was left."""
+    time = np.linspace(0.0, 3.0, 60)
+    records = [
+        Record(
+            name=f"r{k}",
+            time=time,
+            inputs={},
+            outputs={"h": 40.0 - 4.9 * time**2 + 0.5 * np.sin(3.0 * time + k)},
+        )
+        for k in range(3)
+    ]
+    model = Equations(
+        lambda t, x, u, p: (x.v, -p.g + 0.0 * x.v),
+        states={"h": "m", "v": "m/s"},
+        parameters={"g": (9.81, 0.01, "m/s^2")},
+        outputs={"h": "h"},
+    )
+    report = model.diagnose(records, effects=["viscous*"])
+    assert all(share <= 1.0 for p in report.places for _, share in p.resembles)

@@ -225,9 +225,12 @@ def test_the_page_is_self_contained_and_escaped(report):
 
 
 def test_a_model_that_is_worse_than_a_constant_is_told_first(report):
-    steps = report.text().split("\nNext\n")[1]
-    far = (replace(report.channels[0], tabulated=0.6), report.channels[1])
-    assert replace(report, channels=far).text().split("\nNext\n")[1].splitlines()[0] not in steps
+    def first_step(**fields):
+        channels = (replace(report.channels[0], **fields), report.channels[1])
+        return replace(report, channels=channels).text().split("\nNext\n")[1].splitlines()[0]
+
+    assert "a constant would be nearer" in first_step(tabulated=0.6, calibrated=0.6)
+    assert "a constant would be nearer" not in first_step(tabulated=0.6)  # calibrated: 0.05
 
 
 def test_a_place_that_explains_little_is_not_told(report):
@@ -294,3 +297,56 @@ def test_a_parameter_far_outside_its_tolerance_is_an_answer(report):
     further = replace(far, value=13.4, low=13.3, high=13.5)
     several = replace(told, parameters=(further,))
     assert several.summary().startswith("The parameter mass is off by +12.4 kg, 1200 tolerances.")
+
+
+def bare_report(report, verdict, **fields):
+    fields = {"named": (), "classes": (), "held_out_gain": None, "reasons": ()} | fields
+    return replace(report, verdict=verdict, **fields)
+
+
+def test_an_unknown_cause_is_told_with_its_reason(report):
+    nothing = (SetOfCauses((), 1.0, (0.05, 0.05)),)
+    every = tuple(f"cause {k}" for k in range(22))
+    late = {"reasons": (Reason.NOT_COMPLETE,), "complete": False, "needed": 312.0, "causes": 22}
+
+    def unknown(**fields):
+        return bare_report(report, Verdict.UNKNOWN, **{"complete": True} | fields)
+
+    none = unknown(sets=nothing, not_tried=every, **late)
+    assert "It is not judged why: 22 of 22 causes were not tried, about 310 s are needed." in (
+        none.summary()
+    )
+    assert "Diagnose again with 310 s: 22 of 22 causes were not tried." in none.text(200)
+    some = unknown(sets=nothing, not_tried=every[:1], **late)
+    assert "No cause that was tried explains it; 1 of 22 causes was not tried" in some.summary()
+    ended = unknown(sets=nothing, not_tried=(), **late)
+    assert "Diagnose again with 310 s: the search did not reach its end." in ended.text(200)
+    refused = unknown(refused=("creep",), reasons=(Reason.DIFFERS_BETWEEN_RECORDS,), causes=22)
+    assert "is refused (creep): it has another magnitude in each record" in refused.summary()
+    assert "A probable cause is not named (creep): it has" in refused.text(200)
+    empty = unknown(sets=nothing, not_tried=())
+    assert "No cause was tried" in empty.summary()
+    for text in (none, some, ended, refused, empty):
+        assert not re.search(r"\b[01] causes", text.text(200))
+
+
+def test_the_name_of_a_parameter_is_the_subject_of_its_sentence(report):
+    far = ParameterValue("f", "The friction of arm", "1", 0.0, 0.1, -0.4, -0.5, -0.3)
+    told = bare_report(report, Verdict.CALIBRATED, parameters=(far,))
+    assert told.summary().startswith("The friction of arm is off by -0.4, 4 tolerances.")
+
+
+def test_a_machine_with_a_change_has_a_next_step(report):
+    quiet = tuple(replace(c, explained=5e-4) for c in report.channels)
+    fields = {"complete": True, "not_tried": (), "channels": quiet, "places": (), "unknowns": (),
+              "correlation": np.zeros((0, 0))}  # fmt: skip
+    moved = ParameterValue("k", "k", "N/m", 10.0, 1.0, 11.0, 10.8, 11.2)
+    told = bare_report(report, Verdict.CALIBRATED, parameters=(moved,), **fields)
+    assert "- k: 11.00 N/m (10.80 to 11.20), tabulated 10 N/m: correct" in told.text(200)
+    still = bare_report(report, Verdict.NO_GAP, parameters=(), **fields)
+    assert "- None: the model can be used" in still.text(200)
+
+
+def test_held_out_records_that_are_not_predicted_are_told(report):
+    told = replace(report, reasons=(Reason.NOT_PREDICTED,))
+    assert "The held-out records were not predicted" in told.text(200)

@@ -160,7 +160,7 @@ STATED = fields_of("unmodeled.cli.models:Stated")
 
 
 def _prior(name: str, text: str) -> tuple[float | None, float, str]:
-    """Value, standard deviation and SI unit of ``2kg±0.1kg``, ``2 kg +- 5 %``, ``±0.1kg``."""
+    """Value, standard deviation and unit of ``2kg±0.1kg``, ``2 kg +- 5 %``, ``±0.1kg``."""
     from unmodeled.units import number_and_unit, to_si
 
     whole, mark, spread = re.sub(r"\+/?-", "±", text).partition("±")
@@ -170,7 +170,7 @@ def _prior(name: str, text: str) -> tuple[float | None, float, str]:
     # Without a value, a standard deviation with a unit must be there.
     missing = value is None and (bool(whole.strip()) or share or not mark)
     try:
-        factor, si = to_si(unit) if unit else (1.0, "1")
+        to_si(unit or "1")
         size = _spread(value, deviation, unit, share=share)
     except InvalidParameter as error:
         raise InvalidParameter(f"--parameter {name}={text}: {error}") from None
@@ -179,8 +179,7 @@ def _prior(name: str, text: str) -> tuple[float | None, float, str]:
             f"--parameter {name}={text}: expected a value and its standard deviation, such as "
             f"{name}=2kg±0.1kg"
         )
-    si = unit or si if factor == 1.0 else si
-    return None if value is None else value[0] * factor, size * factor, si
+    return None if value is None else value[0], size, unit or "1"
 
 
 def _spread(
@@ -203,13 +202,12 @@ def _unknown(name: str, text: str) -> Any:
     size = number_and_unit(text.strip())
     unit = size[1] if size else text
     try:
-        factor, si = to_si(unit)
+        to_si(unit)
     except InvalidParameter as error:
         raise InvalidParameter(
             f"--unknown {name}={text}: {error}; expected the unit of {name}, such as {name}=N"
         ) from None
-    si = unit if factor == 1.0 else si
-    return si if size is None else (None, size[0] * factor, si)
+    return unit if size is None else (None, size[0], unit)
 
 
 def config_option() -> click.Option:

@@ -300,6 +300,8 @@ class ProgressLine(Line):
         parts = [STAGES.get(p.stage, p.stage), f"{p.share:.0%}", duration(p.elapsed)]
         if math.isfinite(p.left) and p.stage != "done":
             parts.append(f"about {duration(p.left)} left")
+            if p.needed > 1.1 * (p.elapsed + p.left):
+                parts.append(f"all causes need about {duration(p.needed)} (--seconds)")
         return ", ".join(parts)
 
 

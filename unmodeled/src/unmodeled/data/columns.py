@@ -67,6 +67,8 @@ def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> 
     columns.split_names()
     columns.only_longest()
     columns.pair_likelihood()
+    if strict and (faults := columns.faults()):
+        raise DataError(fault_text(str(path), faults, most=10))
     if max((v.size for v in columns.values.values()), default=0) < 2:
         raise DataError(f"{path}: holds no series; there are {columns}")
     return columns

@@ -12,6 +12,7 @@ import numpy as np
 
 from unmodeled.data.records import Array
 from unmodeled.data.series import MOST_NUMBERS, Columns, limit_text
+from unmodeled.data.tables import read_number
 from unmodeled.errors import DataError
 from unmodeled.files import LARGEST_TABLE, is_file, plain_text, read_input, read_json
 from unmodeled.units import split_column
@@ -68,7 +69,10 @@ def read_frame(path: Path) -> Columns:
         raise DataError(f"{path}: cannot be read as {path.suffix[1:]}: {error}") from None
     if frame.size > MOST_NUMBERS:
         raise DataError(f"{path}: {frame.size} numbers; {limit_text()}")
-    return columns_of_frame(frame, features=_features(path))
+    try:
+        return columns_of_frame(frame, features=_features(path))
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
 
 
 def columns_of_frame(
@@ -80,34 +84,64 @@ def columns_of_frame(
     with the names of ``features``.
     """
     columns = Columns()
-    parts: list[tuple[str, Any]] = [(str(c), frame[c]) for c in frame.columns]
-    index = frame.index
-    if index.name is not None or index.dtype.kind in "mMf":
-        parts.insert(0, (str(index.name or time or "time"), index.to_series()))
+    parts = [(str(c), frame.iloc[:, j]) for j, c in enumerate(frame.columns)]
+    index, headings = frame.index, [heading for heading, _ in parts]
+    if index.nlevels == 1 and (index.name is not None or index.dtype.kind in "mMf"):
+        clock = str(index.name or time or "time")
+        parts[:0] = [] if clock in headings else [(clock, index.to_series())]
     counted = _COUNTERS if "episode_index" in frame else ()
+    seen: dict[str, str] = {}
     for heading, series in parts:
         name, unit = split_column(plain_text(heading))
+        if name in seen:
+            raise DataError(
+                f"column {name} is there twice ({seen[name]!r} and {heading!r}): rename one"
+            )
+        seen[name] = heading
         kind = series.dtype.kind
         if name in counted:
             columns.left_out[name] = "a counter"
-            continue
-        if kind in "mM":
+        elif kind in "mM":
             since = series - series.iloc[0] if kind == "M" and series.size else series
-            columns.values[name], unit = since.dt.total_seconds().to_numpy(), "s"
+            columns.values[name], columns.units[name] = since.dt.total_seconds().to_numpy(), "s"
         elif kind in "iufb":
             columns.values[name] = series.to_numpy(dtype=np.float64, na_value=np.nan)
-        else:
-            try:
-                block = np.array([np.ravel(v) for v in series], dtype=np.float64)
-                there = block.ndim == 2 and add_block(columns, name, block, features)
-            except (TypeError, ValueError):
-                there = False
-            if not there:
-                columns.left_out[name] = "no numbers"
-            continue
-        if unit:
-            columns.units[name], columns.headings[name] = unit, heading
+        elif not _add_block(columns, name, series, features):
+            columns.add_cells(name, *_cells_of(series), unit)
+        if name in columns.values and unit:
+            columns.units.setdefault(name, unit)
+            columns.headings[name] = heading
     return columns
+
+
+def _add_block(
+    columns: Columns, name: str, series: pd.Series[Any], features: Mapping[str, list[str]] | None
+) -> bool:
+    """Add the parts of a column of lists of one length."""
+    if not all(isinstance(v, list | tuple | np.ndarray) for v in series):
+        return False
+    try:
+        block = np.array([np.ravel(v) for v in series], dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return block.ndim == 2 and add_block(columns, name, block, features)
+
+
+def _cells_of(series: pd.Series[Any]) -> tuple[Array, dict[int, str]]:
+    """Numbers of a column of any objects, and the cells that are no numbers by row."""
+    values, words = np.full(series.size, np.nan), {}
+    for i, cell in enumerate(series):
+        text = str(cell)
+        real = cell.real if isinstance(cell, complex) and cell.imag == 0.0 else cell
+        try:
+            number = read_number(text) if isinstance(cell, str) else float(real)
+        except (TypeError, ValueError):
+            number = float("nan") if text in ("None", "NaT", "<NA>") else None
+        if number is None:
+            words[i] = text
+        else:
+            values[i] = number
+    return values, words
 
 
 def _features(path: Path) -> dict[str, list[str]]:

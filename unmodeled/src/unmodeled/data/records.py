@@ -19,7 +19,7 @@ from unmodeled.errors import DataError, InvalidParameter, no_such
 from unmodeled.lazy import lazy_import
 
 if TYPE_CHECKING:
-    import pandas as pd
+    pass
 
 __all__ = [
     "NOT_OF_INPUTS",
@@ -41,6 +41,8 @@ InputMode = Literal["force", "motion"]
 Role = Literal["fit", "held_out"]
 Reference = Literal["", "absolute", "rest"]
 
+#: Name of a record without a name.
+UNNAMED = "record"
 #: End of the name of a part of a record.
 _PART = re.compile(r"(\[(\d+/\d+|fit|held-out)\])+$")
 #: Properties of the sensor of an output that an input does not have.
@@ -263,23 +265,23 @@ class Record:
     @classmethod
     def from_frame(
         cls,
-        frame: pd.DataFrame,
+        frame: Any,
         *,
         inputs: Sequence[str] = (),
         outputs: Sequence[str] = (),
         sigma: Mapping[str, float] | None = None,
         units: Mapping[str, str] | None = None,
         time: str = "",
-        name: str = "record",
+        name: str = UNNAMED,
         role: Role = "fit",
     ) -> Record:
-        """Record from a table of pandas.
+        """Record from a table of pandas, polars or PyArrow, or from arrays by name.
 
         Parameters
         ----------
         frame
             Table with a column for each signal, named ``force`` or, with its unit, ``force [N]``.
-            An index of times is the clock.
+            An index of times is the clock. Texts are read as the cells of a file.
         inputs
             Columns that are inputs of the model; a model finds its inputs among the outputs, too.
         outputs
@@ -291,7 +293,7 @@ class Record:
         time
             Column of the clock; default: time or t, or the index.
         name
-            Name of the record.
+            Name of the record; several without one are numbered.
         role
             ``"held_out"``: it is predicted, not fitted.
 

@@ -6,7 +6,7 @@ import itertools
 import math
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -209,6 +209,35 @@ class Columns:
             self.left_out[name] = " x ".join(map(str, shape))
         return False
 
+    def add_cells(self, name: str, values: Array, words: Mapping[int, str], unit: str) -> bool:
+        """Add a column of cells; False: it is text, because most of its cells are no numbers.
+
+        Parameters
+        ----------
+        name, unit
+            Name and stated unit.
+        values
+            Numbers of the cells; NaN: missing, or no number.
+        words
+            Cells that are no numbers, by row.
+        """
+        if len(words) > np.sum(np.isfinite(values)):
+            texts = [words.get(i, "") for i in range(len(values))]
+            seconds = seconds_of_day(texts)
+            if seconds is None:
+                self.texts[name] = texts
+                first = next(iter(words.values()))
+                self.left_out[name] = f"text, such as {shortened(repr(first), 40)}"
+                return False
+            self.notes.append(f"{shortened(name)}: times of day become seconds from the first")
+            values, unit = seconds, "s"
+        elif words:
+            self.wrong_cells[name] = dict(words)
+        self.values[name] = values
+        if unit and unit != "-":
+            self.units[name] = unit
+        return True
+
     def only_longest(self) -> None:
         """Keep only the series with the largest length."""
         longest = max((v.size for v in self.values.values()), default=0)
@@ -281,22 +310,9 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
         if not name:
             continue
-        series, stated = values[:, j], unit or spelled_unit(own) or own.strip("[]() ")
-        if len(words[j]) > np.sum(np.isfinite(series)):
-            texts = [words[j].get(i, "") for i in range(len(values))]
-            seconds = seconds_of_day(texts)
-            if seconds is None:
-                columns.texts[name] = texts
-                first = next(iter(words[j].values()))
-                columns.left_out[name] = f"text, such as {shortened(repr(first), 40)}"
-                continue
-            columns.notes.append(f"{shortened(name)}: times of day become seconds from the first")
-            series, stated = seconds, "s"
-        elif words[j]:
-            columns.wrong_cells[name] = words[j]
-        columns.values[name] = series
-        if stated and stated != "-":
-            columns.units[name] = stated
+        stated = unit or spelled_unit(own) or own.strip("[]() ")
+        if not columns.add_cells(name, values[:, j], words[j], stated):
+            continue
         heading = table.header[j].strip() if j < len(table.header) else name
         if heading != name:
             columns.headings[name] = heading

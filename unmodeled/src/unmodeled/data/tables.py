@@ -31,7 +31,7 @@ __all__ = [
     "text_lines",
 ]
 
-MISSING = ("", "nan", "NaN", "NA", "N/A", "-", "--")
+MISSING = ("", "nan", "NaN", "NA", "N/A", "n/a", "-", "--")
 #: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
 _STYLES: tuple[tuple[str | None, str], ...] = (
     (",", "."),

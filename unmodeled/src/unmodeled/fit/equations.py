@@ -37,10 +37,8 @@ from unmodeled.fit.priors import (
     Bounds,
     Priors,
     Unknowns,
-    check_bounds,
-    parameters_of,
     sized,
-    unknown_effects,
+    stated,
 )
 from unmodeled.units import same_unit, to_si
 
@@ -118,11 +116,11 @@ class Equations(Model):
         name: str = "model",
     ):
         self.name = name
-        self.parameters = parameters_of(parameters, bounds)
-        self.effects, neutral, self._unsized = unknown_effects(unknown, bounds)
-        check_bounds(bounds, [*(p.name for p in self.parameters), *neutral], name)
+        given = stated(rates, parameters, unknown, bounds, name)
+        self.parameters, neutral, self._unsized = given.parameters, given.neutral, given.unsized
+        self._converted = given.notes
         self._rates = with_unknown(rates, neutral)
-        self.effects = tuple(by_rates(rates, e, neutral) for e in self.effects)
+        self.effects = tuple(by_rates(rates, e, neutral) for e in given.effects)
         self._states = states_of(states)
         self._unscaled = isinstance(states, Mapping)
         found = trial(self._rates, self._states, self.parameters, inputs)
@@ -247,7 +245,7 @@ class Equations(Model):
         except Error:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved = True
-        notes += sizes
+        notes += [*self._converted, *sizes]
         if self._inferred and self.coordinates:
             listed = [
                 f"{c.name} (speed {c.speed}, inertia {c.inertia or 'none'})"
@@ -314,6 +312,7 @@ class Equations(Model):
 
     def motion(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~unmodeled.fit.Model`."""
+        self._check_batches([(record, jobs)])
         with np.errstate(all="ignore"):
             return simulated(self._system, self._traces, [(record, jobs)])[0][1]
 
@@ -335,7 +334,15 @@ class Equations(Model):
         return [s for s in found if s is not None]
 
     def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
+<<<<<<< HEAD
         self._check_inputs([record for record, _ in batches])
+=======
+        self._check_batches(batches)
+        groups: dict[object, list[int]] = {}
+        for i, (_, jobs) in enumerate(batches):
+            groups.setdefault(None if jobs.forces is None else jobs.forces.shape[2], []).append(i)
+        runs: dict[int, Array] = {}
+>>>>>>> d0ee7c1a0f21096accbf4cc59ee3be8ad4d65d60
         with np.errstate(all="ignore"):
             return [y for y, _ in simulated(self._system, self._traces, batches)]
 
@@ -615,6 +622,8 @@ def trial(
 
     try:
         base = at(p)
+        if len(base) != len(states):
+            raise ValueError  # as below
         heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
     except Exception:  # a rate that needs other values; the first simulation reports its faults
         return Trial(tuple(u._values) if isinstance(u, _Read) else ())

@@ -16,8 +16,13 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, near_names
+<<<<<<< HEAD
 from unmodeled.files import LARGEST_JSON, NPZ_FAULTS, open_input
 from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
+=======
+from unmodeled.files import is_file
+from unmodeled.fit.priors import Bounds, Priors, Unknowns
+>>>>>>> d0ee7c1a0f21096accbf4cc59ee3be8ad4d65d60
 from unmodeled.fit.simulator import Simulator
 from unmodeled.units import spelled_unit
 
@@ -58,6 +63,9 @@ class _Fmu:
         self.at_end = at_end
         """Inputs that the FMU itself moves to the given value, which it reaches after the step."""
         self.notices = notices
+        self.units: dict[str, str] = {}
+        self.values: dict[str, float | None] = {}
+        self.limits: dict[str, tuple[float, float]] = {}
         self._folder = ""
         self._description: Any = None
         self._loaded: Any = None
@@ -374,8 +382,6 @@ def fmu(
         inputs = _channels(description, "input")
     every = outputs is None
     outputs = _channels(description, "output") if outputs is None else outputs
-    stated = {n: (_start(v), _unit(v)) for n, v in variables.items()}
-    parameters, unknown = from_file(parameters, unknown, stated)
     listed = [*(p if isinstance(p, str) else p.name for p in parameters), *(unknown or {})]
     wanted = [*listed, *inputs, *outputs]
     missing = [n for n in wanted if n not in variables]
@@ -390,13 +396,18 @@ def fmu(
         for n in inputs
         if (variables[n].description or "").endswith(("at the end of the step", "hold: linear"))
     )
+    told = _notices(run_as, variables, list(inputs))
+    function = _Fmu(path, tuple(outputs), run_as, hold, at_end, told)
+    function.units = {n: _unit(v) for n, v in variables.items()}
+    function.values = {n: _start(v) for n, v in variables.items()}
+    function.limits = _limits(variables, listed)
     out = Simulator(
-        _Fmu(path, tuple(outputs), run_as, hold, at_end, _notices(run_as, variables, list(inputs))),
+        function,
         parameters=parameters,
         inputs=inputs,
         outputs=outputs,
         unknown=unknown,
-        bounds={**_limits(variables, listed), **(bounds or {})},
+        bounds=bounds,
         workers=workers,
         name=name or description.modelName,
     )

@@ -15,9 +15,14 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import is_file, write_text
+<<<<<<< HEAD
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.model import Candidate, Ready
 from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
+=======
+from unmodeled.fit.model import Candidate
+from unmodeled.fit.priors import Bounds, Priors, Unknowns
+>>>>>>> d0ee7c1a0f21096accbf4cc59ee3be8ad4d65d60
 from unmodeled.fit.simulator import Simulator
 
 __all__ = ["MujocoModel", "mujoco"]
@@ -81,6 +86,9 @@ class _Mjcf:
 
     def __init__(self, path: Path, key: str, settle: float, hold: str):
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
+        self.units: dict[str, str] = {}
+        self.values: dict[str, float] = {}
+        self.limits: dict[str, tuple[float, float]] = {}
         self._spec: Any = None
         self._model: Any = None
         self.outside: tuple[Path, ...] = ()
@@ -440,9 +448,9 @@ def mujoco(
         raise InvalidParameter(f"{path}: there is no such file")
     function = _Mjcf(path, key, settle, hold)
     known = _properties(mj, function.model)
-    parameters, unknown = from_file(
-        parameters, unknown, {n: (v.value, v.unit) for n, v in known.items()}
-    )
+    function.units = {n: v.unit for n, v in known.items()}
+    function.values = {n: v.value for n, v in known.items()}
+    function.limits = {n: (0.0, np.inf) for n, v in known.items() if v.value >= 0.0}
     listed = [p if isinstance(p, str) else p.name for p in parameters]
     asked = [*listed, *(unknown or {})]
     for n in asked:
@@ -459,8 +467,6 @@ def mujoco(
     if unknown is None:
         chosen = {n: v for n, v in known.items() if n not in listed and v.tested}
         unknown = {n: (v.value, 0.0, v.unit) for n, v in chosen.items()}
-    positive = {n: (0.0, np.inf) for n in asked + list(unknown) if known[n].value >= 0.0}
-    bounds = {**positive, **(bounds or {})}
     out = MujocoModel(
         function,
         parameters=parameters,

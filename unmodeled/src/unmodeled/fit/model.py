@@ -315,6 +315,38 @@ def prior_jobs(
 Batch = tuple[Record, Jobs]
 
 
+def check_shapes(
+    model: Model,
+    included: Sequence[Candidate],
+    given: Mapping[str, Array],
+    rows: tuple[int, ...] = (),
+) -> None:
+    """Check that arrays have a value for each parameter, state and included candidate of a model.
+
+    Parameters
+    ----------
+    model, included
+        The model, and the candidates that are part of it.
+    given
+        Arrays by what they hold: theta, start, magnitudes.
+    rows
+        Lengths of the axes before the last one.
+    """
+    wanted = {
+        "theta": [p.name for p in model.parameters],
+        "start": [s.name for s in model.states(included)],
+        "magnitudes": [c.name for c in included],
+    }
+    faults = [
+        f"{what} has shape {np.shape(array)}, expected {(*rows, len(wanted[what]))}: "
+        f"{', '.join(wanted[what]) or 'none'}"
+        for what, array in given.items()
+        if np.shape(array) != (*rows, len(wanted[what]))
+    ]
+    if faults:
+        raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
+
+
 @dataclass(frozen=True)
 class ShapeChange:
     """A change of the shape of an included effect, as a variable of differentiation."""
@@ -381,18 +413,8 @@ class SensitivityRequest:
 
     def check(self, model: Model) -> None:
         """Check that the request matches the record and the model."""
-        wanted = {
-            "theta": (self.theta, len(model.parameters)),
-            "start": (self.start, len(model.states(self.included))),
-            "magnitudes": (self.sizes, len(self.included)),
-        }
-        faults = [
-            f"{name} has shape {array.shape}, expected ({size},)"
-            for name, (array, size) in wanted.items()
-            if array.shape != (size,)
-        ]
-        if faults:
-            raise InvalidParameter(f"model {model.name}: " + "; ".join(faults))
+        given = {"theta": self.theta, "start": self.start, "magnitudes": self.sizes}
+        check_shapes(model, self.included, given)
         for change in self.input_changes:
             for name, value in change.items():
                 if name not in self.record.inputs or np.shape(value) != (self.record.samples,):
@@ -628,6 +650,7 @@ class Model(ABC):
         theta, included, magnitudes
             As for :meth:`write`.
         """
+        check_shapes(self, included, {"theta": theta, "magnitudes": magnitudes})
         values = {p.name: float(v) for p, v in zip(self.parameters, theta, strict=True)}
         return values, {c.name: float(m) for c, m in zip(included, magnitudes, strict=True)}
 
@@ -698,6 +721,14 @@ class Model(ABC):
                     f"record {record.name}: model {self.name} needs the input "
                     f"{', '.join(missing)}; there is {', '.join(record.inputs) or 'none'}"
                 )
+
+    def _check_batches(self, batches: Sequence[Batch]) -> None:
+        """Check that records have the inputs of the model, and jobs all of its numbers."""
+        self._check_inputs([record for record, _ in batches])
+        for _, jobs in batches:
+            given = {"theta": jobs.theta, "start": jobs.starts}
+            given |= {"magnitudes": jobs.magnitudes} if jobs.included else {}
+            check_shapes(self, jobs.included, given, (jobs.count,))
 
     def _offsets(self, of: Parameter | Effect, at: float) -> tuple[tuple[float, float], ...]:
         """Changes of a parameter or magnitude, each with its weight in the derivative."""

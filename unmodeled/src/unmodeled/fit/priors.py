@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
@@ -13,18 +13,16 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.fit.model import Candidate, Effect, Model, Parameter, prior_jobs
-from unmodeled.units import conversion_factor
+from unmodeled.units import conversion_factor, spelled_unit, to_si
 
 __all__ = [
     "Bounds",
     "Exposed",
     "Priors",
+    "Stated",
     "Unknowns",
-    "check_bounds",
-    "from_file",
-    "parameters_of",
     "sized",
-    "unknown_effects",
+    "stated",
 ]
 
 #: Parameters with their priors: ``(value, sd, unit)`` by name, or a list of :class:`Parameter`.
@@ -77,7 +75,7 @@ class Exposed:
 FORM = "expected (value, standard deviation, unit), such as (2.0, 0.1, 'kg'); sd 0 fixes it"
 
 
-def _numbers(values: Any) -> bool:
+def _numbers(values: Iterable[Any]) -> bool:
     return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
 
 
@@ -89,44 +87,159 @@ def _range(name: str, bounds: Bounds) -> tuple[float, float]:
     return float(pair[0]), float(pair[1])
 
 
-def from_file(
-    parameters: Priors, unknown: Unknowns, stated: Mapping[str, tuple[float | None, str]]
-) -> tuple[Priors, Unknowns]:
-    """Parameters and unknown effects in the units of a file; a value None is that of the file.
+@dataclass(frozen=True)
+class Stated:
+    """What a model states about the numbers of its function, in the units that it gets."""
+
+    parameters: tuple[Parameter, ...]
+    effects: tuple[Effect, ...]
+    """Effects that are numbers of the function."""
+    neutral: dict[str, float]
+    """Value of each of these numbers without the effect [its unit]."""
+    unsized: frozenset[str]
+    """Those whose expected size is not stated."""
+    notes: tuple[str, ...]
+    """What the function gets where a number was converted."""
+
+
+def stated(
+    function: Callable[..., Any],
+    parameters: Priors,
+    unknown: Unknowns,
+    bounds: Bounds,
+    model: str,
+) -> Stated:
+    """Parameters and unknown effects of a function, converted to the units that it wants.
+
+    A stated unit is the unit of the number, and of its bounds. The function gets SI units, except
+    where its attribute ``units``, by name, has another unit. Its attribute ``values`` has values
+    that need not be stated, and ``limits`` has bounds, both in the units that it gets.
 
     Parameters
     ----------
-    parameters, unknown
+    function
+        Function of the model.
+    parameters, unknown, bounds
         Short forms of a user.
-    stated
-        Value, None if the file has none, and unit of each number of the file.
+    model
+        Name of the model, for messages.
+
+    Raises
+    ------
+    InvalidParameter
+        A form is wrong, a unit is unknown or measures another quantity, or bounds belong to no
+        parameter.
     """
+    known = _Known(function)
     if isinstance(parameters, Mapping):
-        parameters = {
-            n: _from_file(n, p, *stated.get(n, (None, ""))) for n, p in parameters.items()
-        }
-    if unknown is not None:
-        whole = {n: (None, 0.0, u) if isinstance(u, str) else u for n, u in unknown.items()}
-        unknown = {n: _from_file(n, u, *stated.get(n, (None, ""))) for n, u in whole.items()}
-    return parameters, unknown
+        parameters = {n: known.parameter(n, p) for n, p in parameters.items()}
+    else:
+        parameters = tuple(known.converted(p.name, p, _OF_PARAMETER) for p in parameters)
+    unknown = {n: known.unknown(n, u) for n, u in (unknown or {}).items()}
+    names = [*(p if isinstance(p, str) else p.name for p in parameters), *unknown]
+    check_bounds(bounds, names, model)
+    limits = known.limits(names, bounds)
+    effects, neutral, unsized = unknown_effects(unknown, limits)
+    return Stated(
+        parameters_of(parameters, limits), effects, neutral, unsized, tuple(known.notes())
+    )
 
 
-def _from_file(name: str, prior: Any, value: float | None, unit: str) -> Any:
-    """A prior in the unit of a file, whose value None is the value of the file."""
-    if prior is not None and not isinstance(prior, list | tuple):
-        return prior
-    parts: list[Any] = [None] if prior is None else list(prior)
-    if len(parts) == 3 and unit and parts[2] not in ("1", unit):
+#: Fields of a parameter and of effects that have its unit.
+_OF_PARAMETER = ("value", "sd", "lower", "upper", "scale", "process_sd")
+_OF_EXPOSED = ("scale", "neutral", "lower", "upper")
+_OF_EFFECT = ("scale", "lower", "upper")
+
+
+class _Known:
+    """Units, values and limits that a function states, and what was converted to them."""
+
+    def __init__(self, function: Callable[..., Any]):
+        self._units: Mapping[str, str] = getattr(function, "units", {})
+        self._values: Mapping[str, float | None] = getattr(function, "values", {})
+        self._limits: Mapping[str, tuple[float, float]] = getattr(function, "limits", {})
+        called = getattr(function, "__name__", "")
+        self._named = called if called.isidentifier() else "function"
+        self._first = self._unit = ""
+        self._factors: dict[str, float] = {}
+        self._told: list[str] = []
+
+    def _factor(self, name: str, unit: str) -> tuple[float, str]:
+        """Factor from a stated unit to that which the function gets, and this unit."""
+        wanted = self._units.get(name, "")
+        if unit in ("", "1") or unit == wanted:  # a plain number has the unit of the function
+            return 1.0, wanted or "1"
         try:
-            factor = conversion_factor(parts[2], unit)
+            read = spelled_unit(unit) or unit
+            factor, si = (conversion_factor(read, wanted), wanted) if wanted else to_si(read)
         except InvalidParameter as error:
             raise InvalidParameter(f"parameter {name}: {error}") from None
-        parts[:2] = [v if v is None else factor * v for v in parts[:2]]
-    if parts[:1] == [None] and value is not None:
-        parts[0] = value
-    if len(parts) in (2, 3):
-        parts[2:] = [unit or (parts[2] if len(parts) == 3 else "1")]
-    return tuple(parts)
+        self._factors[name] = factor
+        return factor, unit if factor == 1.0 and not wanted else si
+
+    def parameter(self, name: str, prior: Any) -> Any:
+        """A short form of a parameter; a value None is that of the function."""
+        parts = [*prior] if isinstance(prior, list | tuple) else [prior]
+        unit = parts[2] if len(parts) == 3 else "1"
+        right = 1 <= len(parts) <= 3 and _numbers(v for v in parts[:2] if v is not None)
+        if not right or not isinstance(unit, str):
+            return prior  # the reader of the form tells its fault
+        factor, got = self._factor(name, unit)
+        if factor != 1.0:
+            at, mark = (1, "\N{PLUS-MINUS SIGN}") if parts[0] is None else (0, "=")
+            self._tell(name, mark, factor, parts[at], unit, got)
+            parts[:2] = [v if v is None else factor * v for v in parts[:2]]
+        if parts[0] is None and (value := self._values.get(name)) is None:
+            return prior
+        parts[0] = value if parts[0] is None else parts[0]
+        return (*parts[:2], *([math.inf] if len(parts) == 1 else []), got)
+
+    def unknown(self, name: str, item: Any) -> Any:
+        """A short form of an unknown effect; a value None is that of the function, or 0."""
+        if isinstance(item, Exposed):
+            return self.converted(name, item, _OF_EXPOSED)
+        if isinstance(item, Effect):
+            return self.converted(name, item, _OF_EFFECT)
+        parts = (None, 0.0, item) if isinstance(item, str) else item
+        if not isinstance(parts, list | tuple) or len(parts) != 3 or not isinstance(parts[2], str):
+            return item
+        at, size, unit = parts
+        factor, got = self._factor(name, unit)
+        if factor != 1.0 and _numbers(v for v in (at, size) if v is not None):
+            self._tell(name, "\N{PLUS-MINUS SIGN}", factor, size, unit, got)
+            at, size = at if at is None else factor * at, factor * size
+        return (self._values.get(name) or 0.0) if at is None else at, size, got
+
+    def converted(self, name: str, item: Any, fields: Sequence[str]) -> Any:
+        """A parameter or an effect with its numbers in the unit that the function gets."""
+        factor, got = self._factor(name, item.unit)
+        if factor == 1.0:
+            return item if got == item.unit else replace(item, unit=got)
+        self._tell(name, "=", factor, getattr(item, fields[0]), item.unit, got)
+        sizes = {f: v if (v := getattr(item, f)) is None else factor * v for f in fields}
+        return replace(item, unit=got, **sizes)
+
+    def _tell(self, name: str, mark: str, factor: float, size: float, unit: str, got: str) -> None:
+        text = f"{mark} {factor * size:.6g} {got} ({size:.6g} {unit})"
+        self._told.append(f"{name} {text if size else f'in {got} (not {unit})'}")
+        self._first, self._unit = name, unit
+
+    def limits(self, names: Sequence[str], bounds: Bounds) -> dict[str, tuple[float, float]]:
+        """Bounds by name in the units that the function gets."""
+        found = {n: self._limits[n] for n in names if n in self._limits}
+        for n in bounds or {}:
+            low, high = _range(n, bounds)
+            factor = self._factors.get(n, 1.0)
+            found[n] = factor * low, factor * high
+        return found
+
+    def notes(self) -> Iterator[str]:
+        """What the function gets where a number was converted."""
+        if self._told:
+            yield (
+                f"units: the function gets {', '.join(self._told)}; an attribute of it, such as "
+                f"{self._named}.units = {{{self._first!r}: {self._unit!r}}}, states another unit"
+            )
 
 
 def check_bounds(bounds: Bounds, known: Sequence[str], model: str) -> None:
@@ -155,7 +268,10 @@ def parameters_of(given: Priors, bounds: Bounds = None) -> tuple[Parameter, ...]
         A prior has another form.
     """
     if not isinstance(given, Mapping):
-        return tuple(given)
+        pairs = [(p, *_range(p.name, bounds)) for p in given]
+        return tuple(
+            replace(p, lower=max(p.lower, low), upper=min(p.upper, high)) for p, low, high in pairs
+        )
     found = []
     for name, prior in given.items():
         parts = tuple(prior) if isinstance(prior, list | tuple) else (prior,)

@@ -28,6 +28,7 @@ from unmodeled.fit.model import (
     Parameter,
     Ready,
     State,
+    check_shapes,
     difference_offsets,
 )
 from unmodeled.fit.noise import Noise
@@ -35,11 +36,10 @@ from unmodeled.fit.priors import (
     Bounds,
     Priors,
     Unknowns,
-    check_bounds,
-    parameters_of,
     sized,
-    unknown_effects,
+    stated,
 )
+from unmodeled.units import same_unit
 
 __all__ = [
     "FunctionModel",
@@ -147,7 +147,9 @@ class Simulator(Model):
         them.
     parameters
         Fitted parameters with their priors: ``(value, sd, unit)`` by name (``sd=0`` fixes it; a
-        value alone has no prior), or a list of :class:`Parameter`.
+        value alone has no prior), or a list of :class:`Parameter`. The unit is that of the numbers.
+        The function gets SI units, or those that its attribute ``units`` states by name, as
+        ``{"rate": "1/h"}``; a note tells what was converted. Readings in degC and degF stay.
     unknown
         Parameters that are effects which the model may lack: the unit (the value without the effect
         is 0, and its expected size follows from the records), ``(value without it, expected size,
@@ -157,7 +159,7 @@ class Simulator(Model):
         Names; or names and SI units, ``{"force": "N"}``. Default: the columns of the records that
         the function reads, and those that it returns.
     bounds
-        Lowest and highest value by name of a parameter or an unknown effect.
+        Lowest and highest value by name of a parameter or an unknown effect, in its stated unit.
     workers
         Number of processes; 1: none; default: number of cores if a run takes longer than 5 ms.
     name
@@ -181,14 +183,14 @@ class Simulator(Model):
     ):
         called = getattr(function, "__name__", "")
         self.name = name = name or (called if called.isidentifier() else "simulator")
-        self.parameters = parameters_of(parameters, bounds)
+        given = stated(function, parameters, unknown, bounds, name)
+        self.parameters, self.effects = given.parameters, given.effects
+        self._neutral, self._unsized, self._converted = given.neutral, given.unsized, given.notes
         self.inputs = tuple(inputs or ())
         self.outputs = tuple(outputs or ())
         named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
         self.units = {k: v for g in named for k, v in g.items() if v}  # "": unknown
-        self.effects, self._neutral, self._unsized = unknown_effects(unknown, bounds)
         self._names = (*(p.name for p in self.parameters), *self._neutral)
-        check_bounds(bounds, self._names, name)
         everything = [*self._names, *self.inputs]
         faults = [
             f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
@@ -255,6 +257,12 @@ class Simulator(Model):
     def accepts(self, effect: Effect) -> bool:
         """Whether the ``data`` of an effect is a parameter, or it is a sensor or input effect."""
         own = isinstance(effect.data, str) and effect.data in self._names
+        unit = {p.name: p.unit for p in self.parameters if own}.get(effect.data, "1")
+        if "1" not in (unit, effect.unit) and not same_unit(effect.unit, unit):
+            raise InvalidParameter(
+                f"effect {effect.name}: is in {effect.unit} and is added to the parameter "
+                f"{effect.data}, which the function gets in {unit}: expected this unit"
+            )
         return own or super().accepts(effect)
 
     def ready(self, records: Sequence[Record]) -> Ready:
@@ -284,7 +292,7 @@ class Simulator(Model):
             out.effects, sizes = sized(self, self.effects, self._unsized, records)
         out._steps, notes = out._chosen_steps(records[0], again)
         out._ready = True
-        notes += [*sizes, *runner.notices]
+        notes += [*self._converted, *sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
 
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
@@ -394,7 +402,7 @@ class Simulator(Model):
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
         """Simulate batches; equal runs are computed once."""
-        self._check_inputs([record for record, _ in batches])
+        self._check_batches(batches)
         runs = []
         for record, jobs in batches:
             table = np.hstack([jobs.theta, jobs.magnitudes]) if jobs.included else jobs.theta
@@ -413,6 +421,7 @@ class Simulator(Model):
         theta, included, magnitudes
             As for :meth:`write`.
         """
+        check_shapes(self, included, {"theta": theta, "magnitudes": magnitudes})
         own = [c for c in included if c.effect.data in self._names]
         sizes = dict(zip((c.name for c in included), map(float, magnitudes), strict=True))
         row = np.array([*theta, *(sizes.pop(c.name) for c in own)])
@@ -558,11 +567,7 @@ class FunctionModel(Model):
 
     def whole(self, record: Record, theta: Array) -> Array:
         """Outputs of a whole record, (n, ny)."""
-        if theta.shape != (len(self.parameters),):
-            raise InvalidParameter(
-                f"model {self.name}: theta has shape {theta.shape}, expected "
-                f"{(len(self.parameters),)}"
-            )
+        check_shapes(self, (), {"theta": theta})
         p = Named({q.name: theta[i] for i, q in enumerate(self.parameters)})
         try:
             outputs: Array = np.column_stack([f(record, p) for f in self._outputs.values()])

@@ -50,6 +50,8 @@ TOLD = {
     Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
+    Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
+    "their simulation fails.",
     Reason.NOT_COMPLETE: "The search ended at its limit of time, or was interrupted.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
     "than the tabulated one.",
@@ -178,9 +180,40 @@ def _statement(result: Result) -> str:
         Verdict.CALIBRATED: f". No {other}cause is missing"
         if result.complete
         else f". No {other}cause was found before the search ended",
-        Verdict.UNKNOWN: ". No cause that was tried explains it",
+        Verdict.UNKNOWN: _unexplained(result),
     }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
     return f"{_off(result)}{misses}{found}. {_remains(result)}"
+
+
+def _unexplained(result: Result) -> str:
+    """Why nothing is named although something is missing."""
+    untried = _untried(result)
+    tried = any(s.causes for s in result.sets) or len(result.not_tried) < result.causes
+    if untried and not tried:
+        return f". It is not judged why: {untried}"
+    if result.refused:
+        it = "it has" if len(result.refused) == 1 else "they have"
+        return (
+            f". What would explain most of it is refused ({_listed(result.refused)}): {it} another "
+            "magnitude in each record"
+        )
+    if not tried:
+        return ". No cause was tried"
+    return f". No cause that was tried explains it{f'; {untried}' if untried else ''}"
+
+
+def _untried(result: Result) -> str:
+    """How many causes were not tried because the search ended; empty: it is complete, or none."""
+    if result.complete or not result.not_tried:
+        return ""
+    count = len(result.not_tried)
+    verb = "was" if count == 1 else "were"
+    need = f", about {_seconds(result)} are needed" if math.isfinite(result.needed) else ""
+    return f"{count} of {max(result.causes, count)} causes {verb} not tried{need}"
+
+
+def _seconds(result: Result) -> str:
+    return f"{float(f'{result.needed:.2g}'):g} s"
 
 
 def _off(result: Result) -> str:
@@ -190,7 +223,8 @@ def _off(result: Result) -> str:
         change = p.value - p.tabulated
         size = _size(100.0 * abs(change), "%") if p.relative else _size(abs(change), p.unit)
         sign = "+" if change > 0.0 else "-"
-        told.append(f"The parameter {p.title} is off by {sign}{size}, {_tolerances(p)}. ")
+        title = f"The{p.title[3:]}" if p.title[:4].lower() == "the " else f"The parameter {p.title}"
+        told.append(f"{title} is off by {sign}{size}, {_tolerances(p)}. ")
     return "".join(told)
 
 
@@ -218,6 +252,7 @@ def _unnamed(result: Result) -> list[str]:
 
 def _missing(result: Result) -> _Section:
     which = f" ({_listed(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
+    which = f" ({_listed(result.refused)})" if result.refused else which
     lines = [TOLD[r].format(which=which) for r in result.reasons if r in TOLD]
     items = []
     for n in result.named:
@@ -335,7 +370,7 @@ def _place(result: Result, place: Place) -> str:
 def _next(result: Result) -> list[str]:
     """Actions, the most useful first."""
     first = ["Check units, signs and columns: a constant would be nearer to the records."]
-    steps = first if result.worst.tabulated > result.worst.motion > 0.0 else []
+    steps = first if result.worst.calibrated > result.worst.motion > 0.0 else []
     steps += [
         f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
         for n in result.named
@@ -349,8 +384,9 @@ def _next(result: Result) -> list[str]:
         steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
         steps += [f"{_name(n)}: {n.remedy}" for n in group if n.remedy]
     if Reason.NOT_COMPLETE in result.reasons:
-        untried = len(result.not_tried)
-        steps.append(f"Diagnose again with more seconds: {untried} causes were not tried.")
+        more = f"{_seconds(result)}" if math.isfinite(result.needed) else "more seconds"
+        why = _untried(result).partition(",")[0] or "the search did not reach its end"
+        steps.append(f"Diagnose again with {more}: {why}.")
     if any(c.material for c in result.channels):
         worst = _worst_cell(result, "explained")
         if useful := _useful(result):
@@ -365,6 +401,12 @@ def _next(result: Result) -> list[str]:
     ]
     if Reason.NOISE_NOT_STATED in result.reasons:
         steps.append("Record the machine at rest, and state the noise of the sensors.")
+    if not steps:
+        steps += [
+            f"{p.title}: {_interval(p)}, tabulated {_tabulated(p)}: correct the tabulated value, "
+            "or the machine."
+            for p in _moved(result)
+        ]
     if not steps:
         steps.append("None: the model can be used for motions like the recorded ones.")
     return list(dict.fromkeys(steps))[:STEPS]

@@ -328,10 +328,13 @@ def _likeness(
         return np.asarray(x - taken @ np.linalg.lstsq(taken, x, rcond=1e-10)[0])
 
     goal, shares = rest(force), []
+    whole = float(goal @ goal)
+    if not whole > 1e-18 * float(force @ force):  # position and speed explain all of it
+        return ()
     for law, values in laws.items():
         own = rest(values)
         size, product = float(own @ own), float(own @ goal)
         # Without their linear parts, the laws of the speed differ in their sign only.
         if size > 1e-9 * float(values @ values) and ("speed" not in law or product < 0.0):
-            shares.append((law, product**2 / (size * float(goal @ goal))))
+            shares.append((law, product**2 / (size * whole)))
     return tuple(s for s in sorted(shares, key=lambda s: -s[1])[:2] if s[1] > ALIKE)

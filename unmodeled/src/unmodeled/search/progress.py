@@ -54,6 +54,8 @@ class Progress:
     """Estimated time that is left [s]; NaN: not known yet."""
     elapsed: float
     """[s]"""
+    needed: float = math.nan
+    """Estimated time of the whole diagnosis if there were no limit [s]; NaN: not known yet."""
 
 
 class Meter:
@@ -128,8 +130,14 @@ class Meter:
         usual = (self._stage_began - self._began) * (ENDS[self._stage] / since - 1.0)
         part = spent / (spent + usual) if usual > 0.0 else 0.0
         self._share = max(self._share, since + (ENDS[self._stage] - since) * part)
-        left = elapsed * (1.0 / self._share - 1.0)
-        return Progress(self._stage, self._share, min(left, self._limit(now)), elapsed)
+        needed = elapsed / self._share
+        left = min(needed - elapsed, self._limit(now))
+        return Progress(self._stage, self._share, left, elapsed, needed)
+
+    @property
+    def needed(self) -> float:
+        """Estimated time of the whole diagnosis if there were no limit [s]; NaN: not known yet."""
+        return self._state(self._clock()).needed
 
     def _limit(self, now: float) -> float:
         """Time until the limit, and typical time after it [s]."""

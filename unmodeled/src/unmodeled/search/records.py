@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data import Array, Record, Role
+from unmodeled.data.records import UNNAMED
 from unmodeled.data.smoothing import LEAST_SAMPLES, noise_of_record
 from unmodeled.errors import DataError, InvalidParameter, near_names
 from unmodeled.fit.model import Effect, Model, Ready, start_in
@@ -63,14 +65,25 @@ def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
     DataError
         The faults because of which the records cannot be used, all in one message.
     """
-    records = (records,) if isinstance(records, Record) else tuple(records)
+    records, numbers = _numbered((records,) if isinstance(records, Record) else tuple(records))
     matched = model.matched(records)
     model, records = matched.model, matched.records
     notes = check_records(records, model)
     records, told = _without_constant(records, model.outputs)
-    notes += [*matched.notes, *told]
+    notes += [*numbers, *matched.notes, *told]
     ready = model.ready(records)
     return replace(ready, notes=tuple(dict.fromkeys((*notes, *ready.notes))))
+
+
+def _numbered(records: tuple[Record, ...]) -> tuple[tuple[Record, ...], list[str]]:
+    """Records of which those without a name are numbered, and a note about them."""
+    unnamed = [r for r in records if r.name == UNNAMED]
+    if len(unnamed) < 2:
+        return records, []
+    taken = {r.name for r in records}
+    names = (n for k in itertools.count(1) if (n := f"{UNNAMED}-{k}") not in taken)
+    out = tuple(replace(r, name=next(names)) if r.name == UNNAMED else r for r in records)
+    return out, [f"{len(unnamed)} records without a name are {UNNAMED}-1 and so on, in their order"]
 
 
 def _without_constant(

@@ -62,6 +62,7 @@ class Reason(Enum):
     NOISE_NOT_STATED = "no noise of the sensor is stated"
     DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
+    NOT_PREDICTED = "held-out records are not predicted"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
     NOT_COMPLETE = "the search was ended before its end"
     INTERRUPTED = "the search was interrupted"
@@ -267,7 +268,13 @@ class Result:
     """Posterior probability that no listed cause is missing [1]."""
     not_tried: tuple[str, ...] = ()
     """Causes that no fitted set contains, most promising first."""
+    causes: int = 0
+    """Number of causes that were to be tried."""
+    refused: tuple[str, ...] = ()
+    """Causes of the most probable set whose magnitude differs between records."""
     complete: bool = True
+    needed: float = math.nan
+    """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     records: tuple[str, ...] = ()

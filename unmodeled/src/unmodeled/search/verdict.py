@@ -10,7 +10,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_record
-from unmodeled.search.evidence import Fitted, precision, prior_of, system
+from unmodeled.search.evidence import Fitted, System, precision, prior_of, system
 from unmodeled.search.fit import empty_point
 from unmodeled.search.held_out import Predicted, compare, predict
 from unmodeled.search.linear import (
@@ -81,17 +81,23 @@ def judge(
     problem, sets, weight, predicted, worse = _posterior(searched, check)
     tell("judge")
     probable = sets[0]
-    sets, weight = _consistent(problem, sets, weight)
+    sets, weight, imitations = _consistent(problem, sets, weight)
     told, classes = _told(sets, weight, options.credibility)
     best = _representative(sets, told, classes)
     alone = next(s for s in sets if not s.causes)
+    interrupted = _interrupted(searched.ended_by)
+    missing = [s for s in (alone, best) if s.causes not in predicted]
+    if shown.held_out and problem is shown and not interrupted:  # a few runs after the limit
+        predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
     channels = _channels(problem, shown, alone, best, predicted, options)
     ours, base = predicted.get(best.causes), predicted.get(())
     gain = None
     if best is not alone and ours is not None and base is not None:
         ratio, low, high = (math.exp(v) for v in compare(ours, base, best.noise, best.effective))
         gain = ratio, low, high
+    lost = bool(shown.held_out) and (ours is None or base is None)
     tried = {i for s in searched.sets.values() for i in s.causes}
+    order = dict.fromkeys((*(s.cause for s in searched.first), *range(len(problem.causes))))
     tell("locate")
     ports: tuple[Place, ...] = ()
     if any(c.material for c in channels):
@@ -103,10 +109,11 @@ def judge(
     reasons = {
         Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not probable,
         Reason.NOT_COMPLETE: searched.ended_by is not None,
-        Reason.INTERRUPTED: _interrupted(searched.ended_by),
+        Reason.INTERRUPTED: interrupted or _interrupted(searched.ended_by),
         Reason.NOISE_NOT_STATED: problem.noise_estimated,
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
+        Reason.NOT_PREDICTED: lost,
     }
     unknowns, correlation = _correlation(problem, best)
     return Result(
@@ -130,9 +137,9 @@ def judge(
         ),
         held_out_gain=gain,
         nothing=float(sum(w for s, w in zip(sets, weight, strict=True) if not s.causes)),
-        not_tried=tuple(
-            problem.causes[s.cause].name for s in searched.first if s.cause not in tried
-        ),
+        not_tried=tuple(problem.causes[i].name for i in order if i not in tried),
+        causes=len(problem.causes),
+        refused=tuple(problem.causes[i].name for i in probable.causes if i in imitations),
         complete=searched.ended_by is None,
         notes=problem.notes,
         seconds=seconds,
@@ -188,15 +195,16 @@ def _posterior(
     some = [*some[:PREDICTED], *(s for s in some[PREDICTED:] if not s.causes)]
     alone = next(s for s in ranked if not s.causes)
     tabulated = replace(alone, point=replace(alone.point, x=np.zeros_like(alone.point.x)))
+    known: dict[tuple[int, ...], Predicted | None] = {}
     try:
         *predicted, before = predict(problem, [*some, tabulated], check)
+        known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
         everything = with_all_records(searched, some, predicted, check)
     except (Stop, KeyboardInterrupt) as stop:
         searched.ended_by = stop
-        return problem, ranked, weight, {}, False
+        return problem, ranked, weight, known, False
     searched.ended_by = everything.ended_by
     sets, weight = everything.ranked()
-    known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
     after, worse = known[()], False
     if after is not None and before is not None:
         worse = compare(after, before, alone.noise, alone.effective)[1] > 0.0
@@ -205,8 +213,8 @@ def _posterior(
 
 def _consistent(
     problem: Problem, sets: Sequence[Fitted], weight: Array
-) -> tuple[list[Fitted], Array]:
-    """The sets without imitations, with their probabilities.
+) -> tuple[list[Fitted], Array, set[int]]:
+    """The sets without imitations, with their probabilities, and the imitations.
 
     A cause whose magnitude differs between records in every set is an imitation of something that
     no cause of the list has, whatever its evidence.
@@ -216,7 +224,9 @@ def _consistent(
         i for i in causes if all(_by_record(problem, s, i)[1] < SAME for s in sets if i in s.causes)
     }
     kept = [s for s in sets if not imitations & set(s.causes)]
-    return (list(sets), weight) if len(kept) == len(sets) else rank(problem, kept)
+    if len(kept) == len(sets):
+        return list(sets), weight, imitations
+    return (*rank(problem, kept), imitations)
 
 
 def _told(
@@ -283,7 +293,12 @@ def _index(problem: Problem, fitted: Fitted, cause: int) -> int:
 
 
 def _covariance(problem: Problem, fitted: Fitted) -> Array:
-    """Covariance of the global unknowns of a set, in their scales.
+    """Covariance of the global unknowns of a set, in their scales."""
+    return _precision(problem, fitted)[1]
+
+
+def _precision(problem: Problem, fitted: Fitted) -> tuple[System, Array]:
+    """Normal equations of a set, and the covariance of its global unknowns in their scales.
 
     What an estimate has taken up of a discrepancy is not seen. It may be as large as what is left,
     so that the discrepancy counts as one sample.
@@ -294,7 +309,7 @@ def _covariance(problem: Problem, fitted: Fitted) -> Array:
     point, linears = fitted.point, fitted.linears
     own = system(problem, problem.fit, fitted.members, point, linears, fitted.noise, weight)
     prior = prior_of(problem, fitted.members).weights(point.x)
-    return np.asarray(np.linalg.inv(own.matrix + np.diag(prior)))
+    return own, np.asarray(np.linalg.inv(own.matrix + np.diag(prior)))
 
 
 def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
@@ -357,21 +372,31 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     found = problem.causes[cause]
     assert found.local is not None
     key = (found.local.kind, found.local.index)
-    values = [
-        found.local.scale * float(v)
-        for o, local in zip(problem.fit, fitted.point.local, strict=True)
-        for q, v in zip(local_of(problem, fitted.members, o), local, strict=True)
-        if (q.kind, q.index) == key
+    at = [
+        [(q.kind, q.index) for q in local_of(problem, fitted.members, o)].index(key)
+        for o in problem.fit
     ]
+    values = [float(v[k]) for v, k in zip(fitted.point.local, at, strict=True)]
+    rms = math.sqrt(sum(v * v for v in values) / len(values))
+    own, covariance = _precision(problem, fitted)
+    # The rms depends on the values, and these on the unknowns that all records have.
+    variance, shared = 0.0, np.zeros(covariance.shape[0])
+    for v, k, (inner, coupling, _) in zip(values, at, own.locals, strict=True):
+        slope = v / (len(values) * rms) if rms > 0.0 else 0.0
+        of_record = np.linalg.solve(inner, np.column_stack([np.eye(len(inner))[k], coupling]))[k]
+        variance += slope**2 * float(of_record[0])
+        shared += slope * of_record[1:]
+    half = HALF * math.sqrt(variance + float(shared @ covariance @ shared))
+    scale = found.local.scale
     return Named(
         cause=found.name,
         component=found.component,
         unit=problem.units[found.local.index],
-        magnitude=float(np.sqrt(np.mean(np.square(values)))),
-        low=float(np.min(np.abs(values))),
-        high=float(np.max(np.abs(values))),
+        magnitude=scale * rms,
+        low=scale * max(rms - half, 0.0),
+        high=scale * (rms + half),
         probability=probability,
-        by_record=tuple(values),
+        by_record=tuple(scale * v for v in values),
         mechanism="The sensor has another zero in each record.",
         remedy="Zero the sensor before each record.",
     )
