@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -12,8 +13,11 @@ import pytest
 import feltmb
 import unmodeled
 from feltmb.cli import main
-from unmodeled.data import Record, Sensor, write_record
+from unmodeled import Equations, check
+from unmodeled.data import ReadOptions, Record, Sensor, read_records, write_record
+from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.search.records import check_records
 
 from . import models
 
@@ -94,7 +98,7 @@ def test_a_noisy_start_is_that_of_an_absolute_coordinate_if_no_noise_is_stated(s
     )
     found = unmodeled.check(action(), record)
     assert sum("absolute coordinates" in n for n in found.notes) == 1
-    assert not any("first value" in n or "neither zero" in n for n in found.notes)
+    assert not any("first value" in n or "starts neither" in n for n in found.notes)
     for row in found.rows:
         assert row.rms == pytest.approx(2e-4, rel=0.2)
 
@@ -511,3 +515,97 @@ def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     assert command("gap", "check", path, "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)["channels"]
     assert (row["channel"], row["unit"], row["samples"]) == ("q", "m", 600)
+
+
+def wheel(wraps):
+    """Records of a wheel whose speed a counter of 16 bits shows, and its model."""
+    rng, t, records = np.random.default_rng(4), np.arange(0, 8, 0.04), []
+    volts = np.minimum(1.5 * t, 11.0), 10 * np.sin(1.1 * t), np.where(t // 1.6 % 2 < 1, 9.8, 3.0)
+    for k, volt in enumerate(volts):
+        w, speed = 0.0, []
+        for v in volt:
+            speed.append(w)
+            w += (1 - np.exp(-0.2)) * (4000.0 * v - w)
+        values = np.array(speed) + rng.normal(0, 50, t.size)
+        values = (values + 32768) % 65536 - 32768 if wraps else values
+        sensors = {"speed": Sensor(name="speed", sigma=50.0)}
+        records.append(Record(name=f"r{k}", time=t, inputs={"volt": volt}, sensors=sensors,
+                              outputs={"speed": values}))  # fmt: skip
+    model = Equations(
+        lambda t, x, u, p: ((p.g * u.volt - x.w) / p.T,),
+        states={"w": (0.0, 100.0, "1")},
+        parameters={"g": (4000.0, 200.0, "1/V"), "T": (0.2, 0.03, "s")},
+        hold="zero",
+        inputs={"volt": "V"},
+        outputs={"speed": "w"},
+    )
+    return model, records
+
+
+def test_a_counter_that_wraps_is_told_and_its_advice_works(tmp_path):
+    model, records = wheel(wraps=True)
+    (hint,) = check(model, records).hints
+    assert hint.kind == "wrap"
+    assert hint.sure
+    assert "speed of r0, r1, r2 jumps by about 65536, as a counter of 16 bits" in hint.text
+    with pytest.raises(DataError, match="speed of r0, r1, r2 jumps") as refused:
+        model.diagnose(records)
+    option = re.search(r"--period (\S+)=(\S+) makes", str(refused.value))
+    periods = {option[1]: option[2]}
+    files = [write_record(r, tmp_path / f"{r.name}.csv") for r in records]
+    assert "--period speed=65536" in check_records(read_records(files))[0]
+    again = read_records(files, options=ReadOptions(periods=periods))
+    found = check(model, again)
+    assert not found.hints
+    assert max(r.in_noise for r in found.rows) < 1.2
+    for text in ("many", "1mm", "-1"):
+        with pytest.raises(DataError, match=r"period = .*expected a number > 0"):
+            read_records(files, options=ReadOptions(periods={"speed": text}))
+
+
+def test_an_angle_that_wraps_is_told_in_degrees():
+    t = np.arange(0.0, 4.0, 0.01)
+    angle = (20.0 * t + 0.5 * np.sin(9.0 * t)) % (2 * np.pi) - np.pi
+    sensor = {"q": Sensor(name="q", unit="rad", sigma=1e-3)}
+    record = Record(name="a", time=t, inputs={}, outputs={"q": angle}, sensors=sensor)
+    (note,) = check_records([record])
+    assert "a.q: jumps by about 6.28319, as an angle that wraps: --period q=360deg" in note
+
+
+@pytest.mark.parametrize(
+    "signal",
+    [
+        lambda t: np.where(np.sin(7.0 * t) > 0.0, 255.0, 0.0),  # two levels
+        lambda t: 127.5 + 127.5 * np.sin(7.0 * t),
+        lambda t: 250.0 * np.exp(-3.0 * (t % 1.0)),  # decays and restarts
+        lambda t: np.random.default_rng(0).uniform(0.0, 256.0, t.size),
+    ],
+)
+def test_a_signal_that_jumps_without_a_wrap_is_not_told(signal):
+    t = np.arange(0.0, 4.0, 0.01)
+    assert wrap_of(signal(t)) is None
+
+
+def test_a_delay_in_some_records_is_told():
+    rng, h, n, records = np.random.default_rng(9), 1e-3, 400, []
+    for name, late in (("good 1", 0), ("good 2", 0), ("late 1", 1), ("late 2", 1)):
+        u = np.repeat(rng.uniform(-1, 1, n // 10 + 1), 10)[:n]
+        x, values = 0.0, []
+        for v in u:
+            values.append(x)
+            x += (1 - np.exp(-h / 5e-3)) * (v - x)
+        y = np.r_[np.zeros(late), values[: n - late]] + 1e-3 * rng.standard_normal(n)
+        sensors = {"x": Sensor(name="x", sigma=1e-3, unit="V")}
+        records.append(Record(name=name, time=np.arange(n) * h, inputs={"u": u}, sensors=sensors,
+                              outputs={"x": y}))  # fmt: skip
+    model = Equations(
+        lambda t, x, u, p: ((u.u - x.x) / p.tau,),
+        states={"x": (0.0, 0.01, "V")},
+        parameters={"tau": (5e-3, 2.5e-4, "s")},
+        hold="zero",
+        inputs={"u": "V"},
+        outputs={"x": "x"},
+    )
+    (hint,) = check(model, records).hints
+    assert (hint.kind, hint.sure) == ("delay", False)
+    assert "x is 1 ms late in record late 1, late 2, and not in the others" in hint.text

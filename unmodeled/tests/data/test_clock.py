@@ -44,7 +44,7 @@ def test_a_first_column_with_a_unit_alone_is_the_clock_in_it(file):
         (["0.0", "0.5", "0.4", "1.5"], "0.5 is followed by 0.4 in line 4"),
         (["0.0", "0.5", "0.5", "1.5"], "0.5 is followed by 0.5 in line 4"),
         (["0.0", "", "1.0", "1.5"], "no number in line 3"),
-        (["15.07.1999", "16.07.1999", "17.07.1999", "18.07.1999"], "text, such as '15.07.1999'"),
+        (["5/7/1999", "6/7/1999", "7/7/1999", "8/7/1999"], "text, such as '5/7/1999'"),
     ],
 )
 def test_a_first_column_without_a_name_that_is_no_clock_is_refused(file, cells, why):

@@ -70,10 +70,22 @@ def put(folder, text, name="a.csv", encoding="utf-8"):
         ("force_in", "force_in", ""),
         ("v_min", "v_min", ""),
         ("mass A", "mass A", ""),
+        ("Taste mm", "Taste", "mm"),
+        ("Moment µN m", "Moment", "µN m"),
+        ("pos[0]", "pos[0]", ""),
+        ("pos[x]", "pos[x]", ""),
     ],
 )
 def test_headings_hold_units(heading, name, unit):
     assert split_column(heading) == (name, unit)
+
+
+@pytest.mark.parametrize("clock", ["Zeitstempel", "t", "Time"])
+def test_the_unit_of_a_clock_may_name_its_column(tmp_path, clock):
+    path = put(tmp_path, f"{clock},x [mm]\n0,1\n10,2\n20,3\n")
+    record = read_record(path, options=ReadOptions(units={clock: "ms"}))
+    np.testing.assert_allclose(record.time, [0.0, 0.01, 0.02])
+    assert list(record.outputs) == ["x"]
 
 
 def test_units_are_spelled_in_many_ways():

@@ -133,7 +133,7 @@ def test_temperatures_keep_their_scale_and_rates_have_none():
 
 
 def test_accepted_ways_are_listed():
-    assert dimension_text("N") == "N, mN, cN, daN, kN, MN, gf, kgf, lbf"
+    assert dimension_text("N") == "N, mN, cN, daN, kN, MN, uN, gf, kgf, lbf"
     assert "mm" in dimension_text("m")
     assert dimension_text("K") == "K, mK"
     assert dimension_text("degC") == "degC"

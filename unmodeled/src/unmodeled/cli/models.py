@@ -119,6 +119,11 @@ READING = fields_of(
         "text": "The y pixels count upward; default: downward.",
         "convert": lambda up: False if up else None,
     },
+    periods={
+        "words": "--period",
+        "metavar": "CHANNEL=PERIOD",
+        "convert": lambda texts: pairs("--period", texts, "CHANNEL=PERIOD"),
+    },
     references={"words": "--reference", "metavar": "[CHANNEL=]KIND", "convert": _references},
     frame_rate={"type": positive("Hz")},
     delays={"words": "--time-offset", "metavar": "[CHANNEL=]TIME", "convert": _delays},

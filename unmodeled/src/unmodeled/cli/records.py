@@ -33,6 +33,7 @@ from unmodeled.cli.screen import (
     show,
 )
 from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from unmodeled import Comparison
@@ -90,7 +91,7 @@ def check(
             heads = "=record | =input | unit | >lowest | >highest"
             show("inputs of the model", heads, inputs)
         _print_comparison(found)
-        _print_notes([*found.notes, *(h.text for h in found.hints)])
+        _print_notes([*(h.text for h in found.hints), *found.notes, *_without_noise(found)])
     save_figure(picture, found.plot, force=force)
 
 
@@ -141,15 +142,21 @@ def _channels(records: Sequence[Record]) -> list[dict[str, Any]]:
     return rows
 
 
+#: Largest number of channels that a table on the screen shows.
+MOST_CHANNELS = 200
+
+
 def _print_channels(channels: Sequence[dict[str, Any]]) -> None:
+    more = len(channels) - MOST_CHANNELS
     show(
         "channels",
         "=record | =channel | unit | >samples | >missing | >motion | >noise | =from",
         [
             (c["record"], c["channel"], c["unit"], str(c["samples"]), f"{c['missing']:.0%}",
              f"{c['motion']:.4g}", f"{c['noise']:.2g}", "sensor" if c["stated"] else "data")
-            for c in channels
+            for c in channels[:MOST_CHANNELS]
         ],
+        f"{more} more channels are not shown; --json prints all" if more > 0 else None,
     )  # fmt: skip
 
 
@@ -170,16 +177,37 @@ def _print_comparison(found: Comparison) -> None:
                 size(r.delay, "s") if isfinite(r.delay) else "",
                 f"{r.correlation:.3f}",
             )
-            for r in found.rows
-            if r.record == record.name
+            for r in [r for r in found.rows if r.record == record.name][:MOST_CHANNELS]
         ]
         heads = "=channel | =>rms | =>of motion | =>in noise | =>factor | =>delay | =>corr."
-        show(f"{record.name} - {found.model}, nothing fitted", heads, rows)
+        stated = any(row[3] for row in rows)
+        show(
+            f"{record.name} - {found.model}, nothing fitted",
+            heads if stated else heads.replace(" | =>in noise", ""),
+            rows if stated else [(*row[:3], *row[4:]) for row in rows],
+        )
+
+
+def _without_noise(found: Comparison) -> list[str]:
+    """Sentence about the channels whose difference is not given in noise."""
+    names = dict.fromkeys(r.channel for r in found.rows if not r.stated)
+    if not names:
+        return []
+    return [
+        f"{shortened(', '.join(names), 200)}: no noise is stated, so that the difference is not "
+        "given in noise (sigma in the TOML file beside the data, in Python sigma of unmodeled.read)"
+    ]
 
 
 def _print_notes(notes: Sequence[str]) -> None:
-    for note in notes:
-        say(f"Note: {note}")
+    """Print notes: first those that name an option; those with one text about several, as one."""
+    same: dict[str, list[str]] = {}
+    for note in sorted(notes, key=lambda text: "--" not in text):
+        subject, colon, text = note.partition(": ")
+        same.setdefault(text if colon else note, []).extend([subject] * bool(colon))
+    for text, subjects in same.items():
+        named = shortened(", ".join(dict.fromkeys(subjects)), 200)
+        say(f"Note: {named}: {text}" if named else f"Note: {text}")
 
 
 # --- two files with two clocks -------------------------------------------------------------------

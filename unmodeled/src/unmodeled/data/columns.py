@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from unmodeled.data.formats import add_block, read_frame, read_messages
+from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, workbook_lines
 from unmodeled.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from unmodeled.data.tables import read_number, read_table, text_lines
 from unmodeled.data.trackers import read_tracked
@@ -32,7 +33,9 @@ from unmodeled.units.quantity import fault_text, shortened
 
 __all__ = ["MEASURED_FILES", "MOST_NUMBERS", "Columns", "read_columns"]
 
-_TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc")
+_TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".mot", ".sto", ".tra")
+#: Tables of text cells: texts, and workbooks.
+_TABLES = (*_TEXTS, ".xlsx")
 
 #: Name of a first column without a name, and headings that are no names (the second is of pandas).
 FIRST = "column 1"
@@ -54,7 +57,7 @@ def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> 
         The file cannot be read, has no series, exceeds the size limits, or has faults in its rows.
     """
     kind = path.suffix.lower()
-    if kind in _TEXTS:
+    if kind in _TABLES:
         columns = _read_text(path, numbered=numbered)
         columns.pair_likelihood()
         if strict and (faults := columns.faults()):
@@ -78,7 +81,11 @@ def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> 
 
 
 def _read_text(path: Path, *, numbered: bool) -> Columns:
-    lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
+    notes: list[str] = []
+    if path.suffix.lower() == ".xlsx":
+        lines, notes = workbook_lines(path)
+    else:
+        lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
     try:
         tracked = read_tracked(path, lines)
     except csv.Error as error:
@@ -89,7 +96,7 @@ def _read_text(path: Path, *, numbered: bool) -> Columns:
     if len(lines) < 3:
         raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
     try:
-        table = read_table(lines)
+        table = read_table(without_monitor(lines), tests=True)
         row = next(table.rows, (0, list[str]()))
         table = replace(table, rows=itertools.chain([row], table.rows))
         numbers = [bool(c.strip()) and read_number(c, table.decimal) is not None
@@ -110,6 +117,8 @@ def _read_text(path: Path, *, numbered: bool) -> Columns:
         columns = columns_of(path, table, names)
     except csv.Error as error:
         raise DataError(f"{path}: is no table: {error}") from None
+    columns.notes += notes
+    add_stated(columns, table)
     if unnamed:
         columns.take_unnamed(FIRST)
     return columns
@@ -310,6 +319,7 @@ READERS: dict[str, Callable[[Path], Columns]] = {
     ".parquet": read_frame,
     ".feather": read_frame,
     ".mcap": read_messages,
+    ".tdms": read_tdms,
 }
 #: Endings of the files that can be read.
-MEASURED_FILES = (*_TEXTS, *READERS)
+MEASURED_FILES = (*_TABLES, *READERS)

@@ -29,6 +29,7 @@ from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, InputSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of
+from unmodeled.data.wrapping import unwrapped
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.files import is_file, read_toml, why_missing
 from unmodeled.units import (
@@ -453,6 +454,15 @@ def _series(
         return empty
     zero, factor, si = found
     values = columns.values[key]
+    if spec.period != "":
+        period = _period(spec.period, unit)
+        if period is None:
+            faults.append(
+                f"column {shown}: period = {shortened(repr(spec.period))}, expected a number > 0 "
+                f"in {unit or 'the unit of the file'}, or with a unit, such as 360deg"
+            )
+            return empty
+        values = unwrapped(values, period)
     if isinstance(spec.origin, float) and spec.origin != 0.0:
         values = values - spec.origin
     elif zero:
@@ -486,6 +496,18 @@ def _unlikely(sheet: Sheet, columns: Columns) -> list[str]:
                 "likelihood of ReadOptions)"
             )
     return notes
+
+
+def _period(period: float | str, unit: str) -> float | None:
+    """Period in the unit of the file; None if it is none."""
+    number, own = (
+        split_quantity(period) or (math.nan, "") if isinstance(period, str) else (period, "")
+    )
+    try:
+        number *= conversion_factor(own, unit or "1") if own else 1.0
+    except InvalidParameter:
+        return None
+    return number if 0.0 < number < math.inf else None
 
 
 #: A length, and two points of the picture that are so far apart.
@@ -605,14 +627,21 @@ def _runs(
         # A clock that starts again, as opposed to a clock with an error.
         again = np.flatnonzero((steps < 0.0) & (time[1:] - time[0] < 0.5 * (time[:-1] - time[0])))
     if name and (sheet.run or np.any(steps <= 0.0)):
-        number = columns.values[name]
-        labels = [n for n in dict.fromkeys(number.tolist()) if math.isfinite(n)]
+        if name in columns.texts:
+            number = np.array(columns.texts[name])
+            labels = [*dict.fromkeys(columns.texts[name])]
+        else:
+            number = columns.values[name]
+            labels = [n for n in dict.fromkeys(number.tolist()) if math.isfinite(n)]
         if len(labels) > MOST_RUNS:
             faults.append(
                 f"{len(labels)} runs in column {shortened(name)}; the limit is {MOST_RUNS}"
             )
             return []
-        return [(f"{label:g}", rows[number == label]) for label in labels]
+        return [
+            (label if isinstance(label, str) else f"{label:g}", rows[number == label])
+            for label in labels
+        ]
     if not again.size:
         return [("1", rows)]
     if again.size >= MOST_RUNS:

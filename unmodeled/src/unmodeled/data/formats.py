@@ -20,7 +20,7 @@ from unmodeled.units import split_column
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["add_block", "columns_of_frame", "read_frame", "read_messages"]
+__all__ = ["add_block", "columns_of_frame", "needs", "read_frame", "read_messages"]
 
 #: Columns of LeRobot that only count, beside the number of the episode.
 _COUNTERS = ("frame_index", "index", "task_index")
@@ -28,7 +28,8 @@ _COUNTERS = ("frame_index", "index", "task_index")
 MOST_COLUMNS = 256
 
 
-def _needs(path: Path, package: str, extra: str) -> DataError:
+def needs(path: Path, package: str, extra: str) -> DataError:
+    """The error of a file for which a package is missing."""
     return DataError(
         f"{path}: to read {path.suffix}, the package {package} is needed: pip install {package} "
         f"(extra {extra!r} of unmodeled)"
@@ -64,7 +65,7 @@ def read_frame(path: Path) -> Columns:
     try:
         frame = read(data)
     except ImportError:
-        raise _needs(path, "pyarrow", "parquet") from None
+        raise needs(path, "pyarrow", "parquet") from None
     except Exception as error:  # pandas documents no set of exceptions for damaged files
         raise DataError(f"{path}: cannot be read as {path.suffix[1:]}: {error}") from None
     if frame.size > MOST_NUMBERS:
@@ -173,7 +174,7 @@ def read_messages(path: Path) -> Columns:
         from mcap.exceptions import McapError
         from mcap.reader import make_reader
     except ImportError:
-        raise _needs(path, "mcap", "mcap") from None
+        raise needs(path, "mcap", "mcap") from None
 
     columns = Columns()
     seen: dict[str, tuple[list[int], list[dict[str, float]]]] = {}
@@ -213,7 +214,7 @@ def _decoder(path: Path, encoding: str, schema: Any) -> Any:
     try:
         from mcap_ros2.decoder import DecoderFactory
     except ImportError:
-        raise _needs(path, "mcap-ros2-support", "mcap") from None
+        raise needs(path, "mcap-ros2-support", "mcap") from None
     key = schema.name, schema.data
     if key not in _decoders:
         _decoders[key] = DecoderFactory().decoder_for(encoding, schema)

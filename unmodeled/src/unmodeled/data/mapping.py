@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -77,12 +77,14 @@ def frame_column(columns: Columns) -> str:
 
 
 def run_column(columns: Columns, specified: str = "") -> str:
-    """Column that numbers the runs; "" if there is none."""
-    return columns.find(specified) if specified else _one_of(columns, _RUNS)
+    """Column that numbers or names the runs; "" if there is none."""
+    if specified:
+        return columns.find(specified) or (specified if specified in columns.texts else "")
+    return _one_of(columns, _RUNS, columns.texts)
 
 
-def _one_of(columns: Columns, words: Sequence[str]) -> str:
-    found = [c for c in columns.values if plain_name(c) in words]
+def _one_of(columns: Columns, words: Sequence[str], texts: Iterable[str] = ()) -> str:
+    found = [c for c in (*columns.values, *texts) if plain_name(c) in words]
     return found[0] if len(found) == 1 else ""
 
 
@@ -125,6 +127,7 @@ def sheet_for(
     DataError
         A required signal is missing or ambiguous.
     """
+    options = _with_clock(columns, options, "" if given is None else given.time)
     if given is not None:
         sheet = given
     elif signals.outputs:
@@ -132,6 +135,20 @@ def sheet_for(
     else:
         sheet = _of_columns(path, columns, options)
     return _changed(path, sheet, columns, signals, options)
+
+
+def _with_clock(columns: Columns, options: ReadOptions, stated: str) -> ReadOptions:
+    """The options with the unit of the clock under ``time``, if its column was named instead."""
+    if "time" in options.units:
+        return options
+    clock = clock_column(columns, options.columns.get("time", stated))
+    first = next(iter(columns.values), "")
+    for name, unit in options.units.items():
+        column = columns.find(name) if name else ""
+        if column and (column == clock or (not clock and column == first and _measures(unit, "s"))):
+            units = {n: u for n, u in options.units.items() if n != name} | {"time": unit}
+            return replace(options, units=units, columns={**options.columns, "time": column})
+    return options
 
 
 def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptions) -> Sheet:
@@ -317,6 +334,7 @@ def _changed(
             ("unit", options.units),
             ("scale", options.scales),
             ("origin", options.origins),
+            ("period", options.periods),
             ("time offset", options.delays),
             ("reference", options.references),
         )
@@ -358,6 +376,7 @@ def _update(
     if name not in options.origins:
         origin = _of_axis(name, origin, pixels=pixels)
     update["origin"] = None if origin is None else _origin(name, origin)
+    update["period"] = options.periods.get(name)
     if pixels and name.endswith(".y"):
         update["down"] = options.down
     if output:

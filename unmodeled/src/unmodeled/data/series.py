@@ -8,13 +8,14 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data.records import Array
-from unmodeled.data.tables import Table, read_number
+from unmodeled.data.tables import Table, plain_name, read_number
 from unmodeled.errors import DataError
 from unmodeled.units import spelled_unit, split_column
 from unmodeled.units.quantity import shortened
@@ -55,11 +56,6 @@ _COORDINATE = re.compile(r"(.*?)[._ -]?[xyz]", re.IGNORECASE)
 def limit_text() -> str:
     """The limit as text."""
     return f"the limit of a measured file is {MOST_NUMBERS} numbers"
-
-
-def plain_name(name: str) -> str:
-    """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``), or accents."""
-    return re.sub(r"[\W_]", "", unicodedata.normalize("NFKD", name).lower())
 
 
 #: Columns by heading, by plain name, and by the end of the name.
@@ -229,7 +225,7 @@ class Columns:
                 first = next(iter(words.values()))
                 self.left_out[name] = f"text, such as {shortened(repr(first), 40)}"
                 return False
-            self.notes.append(f"{shortened(name)}: times of day become seconds from the first")
+            self.notes.append(f"{shortened(name)}: times of day or dates become seconds from the first")
             values, unit = seconds, "s"
         elif words:
             self.wrong_cells[name] = dict(words)
@@ -302,11 +298,11 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
         raise DataError(f"{path}: line {table.line}: a column is named twice ({every})")
     if table.lines * width > MOST_NUMBERS:
         raise DataError(f"{path}: {table.lines} rows of {width}; {limit_text()}")
-    columns = Columns(decimal=table.decimal)
+    columns = Columns(decimal=table.decimal, left_out=dict.fromkeys(table.without, "no cells"))
     values, words = _cells(table, names, columns)
     if len(values) < 2:  # a quoted cell may contain the other lines
         raise DataError(f"{path}: {len(values)} rows of numbers, expected at least 2")
-    below = table.units or ("",) * width
+    below = (*table.units, *("",) * width)  # the name of a test has no unit
     for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
         if not name:
             continue
@@ -349,33 +345,64 @@ def _cells(
     return values[: len(numbers)], words
 
 
-#: A time of day, perhaps after a date: 12:30:05.25, 2026-11-27T12:30:05Z, 27.11.2026 12:30:05,25.
-_TIME_OF_DAY = re.compile(
-    r"(?:[\d./-]{6,10}[T ,]+)?(\d{1,2}):(\d\d):(\d\d(?:[.,]\d+)?)(?: ?([AP])M)?"
-    r"(?:Z|[+-]\d\d:?\d\d)?",
+#: A date, a time of day, or both: 12:30:05.25, 2026-11-27T12:30:05Z, 27.11.2026 12:30:05,25.
+_MOMENT = re.compile(
+    r"(?:(?P<a>\d{1,4})(?P<sign>[./-])(?P<b>\d{1,2})(?P=sign)(?P<c>\d{2,4}))?(?:^|[T ,]+|$)"
+    r"(?:(?P<h>\d{1,2}):(?P<m>\d\d):(?P<s>\d\d(?:[.,]\d+)?)(?: ?(?P<half>[AP])M)?"
+    r"(?:Z|[+-]\d\d:?\d\d)?)?",
     re.IGNORECASE,
 )
 
 
 def seconds_of_day(texts: Sequence[str]) -> Array | None:
-    """Seconds from the first of these times of day [s]; None if one of them is no time.
+    """Seconds from the first of these times of day or dates [s]; None if one of them is neither.
 
-    Midnight adds a day.
+    Without dates, or if day and month cannot be told apart, midnight adds a day.
     """
-    found = [_TIME_OF_DAY.fullmatch(t.strip()) for t in texts]
-    if not found or None in found:
+    found = [m for t in texts if (m := _MOMENT.fullmatch(t.strip())) and m[0]]
+    timed = {m["h"] is not None for m in found}
+    if not found or len(found) < len(texts) or len(timed) > 1:
         return None
-    seconds = np.array(
-        [
-            3600.0 * (int(m[1]) % 12 + 12 * (m[4] in "Pp") if m[4] else int(m[1]))
-            + 60.0 * int(m[2])
-            + float(m[3].replace(",", "."))
+    seconds = np.zeros(len(found))
+    if True in timed:
+        seconds[:] = [
+            3600.0 * (int(m["h"]) % 12 + 12 * (m["half"] in "Pp") if m["half"] else int(m["h"]))
+            + 60.0 * int(m["m"])
+            + float(m["s"].replace(",", "."))
             for m in found
-            if m is not None
         ]
-    )
-    seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
+    days = _days([(m["a"], m["sign"], m["b"], m["c"]) for m in found])
+    if days is not None:
+        seconds += 86400.0 * days
+    elif True in timed:
+        seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
+    else:
+        return None
     return np.asarray(np.round(seconds - seconds[0], 9))
+
+
+def _days(dates: Sequence[tuple[str | None, ...]]) -> Array | None:
+    """Number of the day of each date; None: there are none, or day and month may be exchanged."""
+    parts = {(a, sign, b, c) for a, sign, b, c in dates}
+    first, signs, second, _ = zip(*parts, strict=True)
+    if None in first:
+        return None
+    if all(len(str(a)) == 4 for a in first):
+        order = (0, 1, 2)
+    elif {*signs} == {"."} or max(int(str(a)) for a in first) > 12:
+        order = (2, 1, 0)
+    elif max(int(str(b)) for b in second) > 12:
+        order = (2, 0, 1)
+    else:
+        return None
+    number: dict[tuple[str | None, ...], int] = {}
+    for a, sign, b, c in parts:
+        y, m, d = (int(str((a, b, c)[k])) for k in order)
+        try:
+            number[a, sign, b, c] = date(y + 2000 * (y < 100), m, d).toordinal()
+        except ValueError:
+            return None
+    return np.array([number[p] for p in dates], dtype=np.float64)
 
 
 def _doubled(names: Iterable[str]) -> bool:

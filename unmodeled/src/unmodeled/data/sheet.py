@@ -30,6 +30,9 @@ class ColumnSpec(Schema):
     down: bool | None = None
     """Whether the values increase downwards; default: true for channels in pixels whose name ends
     in .y."""
+    period: float | str = ""
+    """Period of a counter or an angle that wraps, such as 65536 [unit of the file] or "360 deg": a
+    jump by more than a half of it is one."""
     factor: float = 1.0
     """Factor of the values after the conversion of the unit."""
     shift: float = 0.0
@@ -135,6 +138,9 @@ class ReadOptions:
     value of the channel."""
     down: bool | None = None
     """Whether y in pixels increases downwards; default: yes."""
+    periods: Mapping[str, str] = field(default_factory=dict)
+    """Period of a channel that wraps, such as 65536 in the unit of the file, or 360deg: a jump by
+    more than a half of it is one."""
     references: Mapping[str, str] = field(default_factory=dict)
     """absolute (coordinates of the mechanism) or rest (displacement from rest); default: determined
     from the first value of the channel."""

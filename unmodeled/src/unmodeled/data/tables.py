@@ -1,7 +1,10 @@
 """Tables of numbers in text files of instruments and tracking programs.
 
-A file has a preamble, a header, perhaps a line of units, and rows. Separator and decimal sign are
-chosen so that most cells become numbers.
+A file has a preamble of settings, a heading (names, perhaps units above or below them), and a block
+of rows in which the same cells are numbers. Separator and decimal sign are chosen so that most
+cells become numbers. Settings may stand beside the rows. Several tests may stand side by side (the
+names repeat in the heading), or one below another (the heading repeats in the rows): both become
+one table with a column that names the test of each row.
 """
 
 from __future__ import annotations
@@ -9,15 +12,16 @@ from __future__ import annotations
 import csv
 import itertools
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+import unicodedata
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.errors import DataError
-from unmodeled.units import spelled_unit
+from unmodeled.units import spelled_unit, split_column
 
 __all__ = [
     "MISSING",
@@ -25,6 +29,7 @@ __all__ = [
     "Table",
     "are_units",
     "numbered_rows",
+    "plain_name",
     "read_number",
     "read_table",
     "style_of",
@@ -49,6 +54,12 @@ SAMPLE = 60
 LONGEST_PREAMBLE = 200
 #: Number of rows below the first row of numbers that are compared with it.
 NEXT_ROWS = 4
+#: Name of the column that tells several tests of a file apart.
+TEST = "specimen"
+#: A number with separators of thousands; its other sign tells which of them is the decimal sign.
+_THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*)")
+#: A setting in one cell: ``inDegrees=yes``, ``tInc = 2e-07``.
+_SETTING = re.compile(r"\s*([^=]*[^=\s])\s*=\s*(.*\S)\s*")
 
 
 @dataclass(frozen=True)
@@ -57,17 +68,19 @@ class Lines:
 
     texts: list[str]
     numbers: NDArray[np.intp]
+    style: tuple[str | None, str] | None = None
+    """Separator and decimal sign, if they are known."""
 
     def __len__(self) -> int:
         return len(self.texts)
 
     def __getitem__(self, at: slice) -> Lines:
-        return Lines(self.texts[at], self.numbers[at])
+        return Lines(self.texts[at], self.numbers[at], self.style)
 
     def where(self, keep: Callable[[str], bool]) -> Lines:
         """The lines for which a condition holds."""
         kept = [i for i, text in enumerate(self.texts) if keep(text)]
-        return Lines([self.texts[i] for i in kept], self.numbers[kept])
+        return Lines([self.texts[i] for i in kept], self.numbers[kept], self.style)
 
 
 @dataclass(frozen=True)
@@ -86,6 +99,15 @@ class Table:
     decimal: str
     lines: int
     """Number of lines below the header, the largest possible number of rows."""
+    settings: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    """Values beside each word of the preamble, by its plain name."""
+    without: tuple[str, ...] = ()
+    """Names at the end of the header that have no cells in the rows."""
+
+
+def plain_name(name: str) -> str:
+    """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``), or accents."""
+    return re.sub(r"[\W_]", "", unicodedata.normalize("NFKD", name).lower())
 
 
 def text_lines(data: bytes, path: Path) -> Lines:
@@ -124,6 +146,8 @@ def read_number(cell: str, decimal: str = ".") -> float | None:
     text = cell.strip()
     if text in MISSING:
         return float("nan")
+    if _THOUSANDS.fullmatch(text):
+        text = text.replace("." if decimal == "," else ",", "")
     if decimal == ",":
         if "." in text:
             return None
@@ -134,8 +158,10 @@ def read_number(cell: str, decimal: str = ".") -> float | None:
         return None
 
 
-def read_table(lines: Lines) -> Table:
+def read_table(lines: Lines, *, tests: bool = False) -> Table:
     """Split a text, without its comments, into the lines above the table and its rows.
+
+    ``tests``: a heading that repeats begins another test, named in a further column.
 
     Raises
     ------
@@ -145,24 +171,223 @@ def read_table(lines: Lines) -> Table:
     head = lines[: LONGEST_PREAMBLE + SAMPLE]
     separator, decimal = style_of(lines)
     numbered = list(numbered_rows(head, separator))
+    rows = numbered_rows(lines, separator)
     cells = [row for _, row in numbered]
     width = _width(cells)
+    beside = _beside(cells, width, decimal)
+    settings = _settings(row[:beside] for row in cells)
+    if beside:
+        width -= beside
+        cells = [row[beside:] for row in cells]
+        rows = ((line, row[beside:]) for line, row in rows)
     first = _first_row(cells, width, decimal)
-    header = first - 1
-    units: tuple[str, ...] = ()
-    if first >= 2 and len(cells[first - 2]) == width and are_units(cells[first - 1]):
-        header, units = first - 2, tuple(c.strip() for c in cells[first - 1])
-    names = tuple(cells[header]) if header >= 0 else ()
-    rows = itertools.islice(numbered_rows(lines, separator), first, None)
+    header, names, units = _heading(cells, first, width)
+    settings |= _settings(cells[: max(header, 0)])
+    if beside and header < 0:
+        names = _names_in(settings)
+    names, units, told = _without_settings(names, units)
+    settings |= told
+    without = names[width:]
+    rows = itertools.islice(rows, first, None)
+    count = len(lines) - first
+    if tests and (several := _side_by_side(names, units)):
+        names, units, places = several
+        labels = _labels(cells[header - 1] if header > 0 else [], len(places))
+        rows = _stacked(list(rows), places, labels)
+        names, count = (*names, _test_name(names)), count * len(places)
+    elif tests and _repeats(lines, numbered[header][0] if header >= 0 else 0):
+        above = cells[header - 1] if header else []
+        names = names[:width]
+        rows = _in_blocks(rows, cells[header:first], above, decimal, len(names))
+        names = (*names, _test_name(names))
+    else:
+        names = names[:width] if without else names
+    line = numbered[max(header, 0)][0]
     return Table(
-        preamble=tuple(head.texts[: int(np.sum(head.numbers < numbered[max(header, 0)][0]))]),
+        preamble=tuple(head.texts[: int(np.sum(head.numbers < line))]),
         header=names,
-        line=numbered[max(header, 0)][0],
+        line=line,
         units=units,
         rows=rows,
         decimal=decimal,
-        lines=len(lines) - first,
+        lines=count,
+        settings=settings,
+        without=tuple(c for c in without if c.strip()),
     )
+
+
+def _repeats(lines: Lines, number: int) -> bool:
+    """Whether the text of a line of the file occurs again."""
+    at = int(np.searchsorted(lines.numbers, number))
+    return number > 0 and lines.texts.count(lines.texts[at]) > 1
+
+
+def _beside(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
+    """Number of cells of settings that stand before the numbers of the first rows; mostly 0.
+
+    They are empty in the later rows, and the first of them is a word.
+    """
+    rows = [row for row in cells if len(row) == width]
+    if len(rows) < len(cells) or not rows or read_number(rows[0][0], decimal) is not None:
+        return 0
+    later = rows[len(rows) // 2 :]
+    blank = itertools.takewhile(lambda j: not any(r[j].strip() for r in later), range(width))
+    count = len([*blank])
+    numbers = all(
+        row[count].strip() and read_number(row[count], decimal) is not None
+        for row in rows
+        if count < width
+    )
+    return count if numbers and count < width else 0
+
+
+def _settings(rows: Iterable[Sequence[str]]) -> dict[str, tuple[str, ...]]:
+    """Settings of the preamble: a word and the values beside it; the last one counts."""
+    found = {}
+    for row in rows:
+        filled = [c.strip() for c in row if c.strip()]
+        if len(filled) == 1 and (own := _SETTING.fullmatch(filled[0])):
+            filled = [own[1], own[2]]
+        if len(filled) > 1:
+            name, unit = split_column(filled[0])
+            found[plain_name(name)] = (*filled[1:], unit) if unit else tuple(filled[1:])
+    return found
+
+
+def _names_in(settings: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    """Names of a clock and a channel that the settings tell, as an oscilloscope does."""
+    if "source" not in settings:
+        return ()
+    units = [settings.get(f"{side}units", ("",))[0] for side in ("horizontal", "vertical")]
+    return f"time [{units[0] or 's'}]", f"{settings['source'][0]} [{units[1]}]"
+
+
+def _heading(
+    cells: Sequence[Sequence[str]], first: int, width: int
+) -> tuple[int, tuple[str, ...], tuple[str, ...]]:
+    """Index of the line of names above the first row (-1: none), the names, and the units."""
+    if first < 1:
+        return -1, (), ()
+    above = [list(row) if len(row) >= width else [] for row in cells[max(first - 3, 0) : first]]
+    above = [[]] * (3 - len(above)) + above
+    if above[1] and are_units(above[2]):
+        return first - 2, tuple(above[1]), tuple(c.strip() for c in above[2])
+    names = cells[first - 1]
+    incomplete = not all(c.strip() for c in names[:width]) or len({*names}) < len(names)
+    if len(above[1]) == len(names) and incomplete and are_units(above[1]):
+        higher = above[0] if len(above[0]) == len(names) else names
+        names = [own if own.strip() else other for own, other in zip(names, higher, strict=True)]
+        return first - 1, tuple(names), tuple(c.strip() for c in above[1])
+    return first - 1, tuple(names), ()
+
+
+def _without_settings(
+    names: tuple[str, ...], units: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, tuple[str, ...]]]:
+    """The names and units before the settings at the end of a heading, and these settings.
+
+    A setting is a name with a number in place of the unit, or a cell such as ``tInc = 2e-07``.
+    """
+    told: dict[str, tuple[str, ...]] = {}
+    end = len(names)
+    for j in reversed(range(len(names))):
+        own = _SETTING.fullmatch(names[j])
+        below = units[j] if j < len(units) else ""
+        if own is not None:
+            told[plain_name(own[1])] = (own[2],)
+        elif below and read_number(below) is not None:
+            told[plain_name(names[j])] = (below,)
+        elif names[j].strip():
+            break
+        else:
+            continue
+        end = j
+    return names[:end], units[:end], told
+
+
+def _side_by_side(
+    names: tuple[str, ...], units: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[str, ...], list[list[int]]] | None:
+    """Names and units of one of several tests side by side, and the places of each; None: one test.
+
+    The names and their units repeat, perhaps after a clock that all tests share.
+    """
+    places = [j for j, name in enumerate(names) if name.strip()]
+    keys = [(names[j].strip(), units[j] if j < len(units) else "") for j in places]
+    for shared in (0, 1):
+        rest = keys[shared:]
+        size = len(dict.fromkeys(rest))
+        if size > 1 and len(rest) > size and rest == rest[:size] * (len(rest) // size):
+            own = [places[shared:][k : k + size] for k in range(0, len(rest), size)]
+            every = [places[:shared] + group for group in own]
+            return (
+                tuple(names[j] for j in every[0]),
+                tuple(units[j] for j in every[0]) if units else (),
+                every,
+            )
+    return None
+
+
+def _labels(above: Sequence[str], count: int) -> list[str]:
+    """Names of tests side by side: the cells of the line above, if it names each of them."""
+    filled = [c.strip() for c in above if c.strip()]
+    labels = filled[-count:] if len(filled) in (count, count + 1) else []
+    return labels if len({*labels}) == count else [str(k + 1) for k in range(count)]
+
+
+def _test_name(names: Sequence[str]) -> str:
+    return "part of the file" if TEST in map(plain_name, names) else TEST
+
+
+def _stacked(
+    rows: Sequence[tuple[int, list[str]]], places: Sequence[Sequence[int]], labels: Sequence[str]
+) -> Iterator[tuple[int, list[str]]]:
+    """Rows of the tests one below another, each with the name of its test, without empty rows."""
+    for own, label in zip(places, labels, strict=True):
+        for line, row in rows:
+            part = [row[j] if j < len(row) else "" for j in own]
+            if any(c.strip() for c in part):
+                yield line, [*part, label]
+
+
+def _in_blocks(
+    rows: Iterable[tuple[int, list[str]]],
+    heading: Sequence[list[str]],
+    above: Sequence[str],
+    decimal: str,
+    width: int,
+) -> Iterator[tuple[int, list[str]]]:
+    """Rows of tests one below another, each with the name of its test: the line above its heading.
+
+    ``heading``: lines that repeat above each test; ``above``: the line above the first one.
+    """
+    blocks: list[tuple[str, list[tuple[int, list[str]]]]] = []
+    held: list[tuple[int, list[str]]] = []
+    below = 0
+
+    def begin(above: Sequence[str]) -> None:
+        blocks.append((next((c.strip() for c in above if c.strip()), ""), []))
+
+    begin(above)
+    for line, row in rows:
+        if below and row == heading[len(heading) - below]:
+            below -= 1
+        elif row == heading[0]:
+            # What stands between the rows and the heading belongs to the preamble of the test.
+            begin(held[-1][1] if held else [])
+            held, below = [], len(heading) - 1
+        elif any(c.strip() and read_number(c, decimal) is None for c in row):
+            held.append((line, row))
+        else:
+            blocks[-1][1].extend([*held, (line, row)])
+            held, below = [], 0
+    blocks[-1][1].extend(held)
+    titles = {title for title, _ in blocks}
+    for number, (title, own) in enumerate(blocks, 1):
+        label = title if len(titles) == len(blocks) and "" not in titles else str(number)
+        for line, row in own:
+            fits = not any(c.strip() for c in row[width:])
+            yield line, [*row[:width], label] if fits else row
 
 
 def _sample(lines: Sequence[str]) -> list[str]:
@@ -197,6 +422,8 @@ def numbered_rows(lines: Lines, separator: str | None) -> Iterator[tuple[int, li
 
 def style_of(lines: Lines) -> tuple[str | None, str]:
     """Separator of the cells (None: white space) and decimal sign of the rows of a text."""
+    if lines.style is not None:
+        return lines.style
     sample = _sample(lines.texts)
     best, chosen = (-1.0, 0.0), _STYLES[0]
     for separator, decimal in _STYLES:
@@ -255,5 +482,6 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
 def are_units(row: Sequence[str]) -> bool:
     """Whether a line holds units: most of its cells that are not empty. An unknown one is told."""
     filled = [c.strip() for c in row if c.strip() not in ("", "-", "[]", "()")]
+    filled = [c for c in filled if read_number(c) is None]
     known = [spelled_unit(c) is not None or (c[0] in "[(" and c[-1] in "])") for c in filled]
     return 2 * sum(known) > len(known)

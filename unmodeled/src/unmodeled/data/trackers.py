@@ -1,4 +1,4 @@
-"""Exports of tracking programs: Kinovea, Tracker, DeepLabCut, OptiTrack Motive, Vicon Nexus.
+"""Exports of trackers: Kinovea, Tracker, DeepLabCut, OptiTrack Motive, Vicon Nexus, Qualisys.
 
 The header identifies the program. A point P becomes the columns ``P.x`` and ``P.y``.
 """
@@ -23,7 +23,8 @@ _SEPARATORS = ("\t", ",", ";")
 
 def read_tracked(path: Path, lines: Lines) -> Columns | None:
     """Series of an export with a known header; None for any other text."""
-    for reader in (_kinovea_text, _deeplabcut, _tracker, _optitrack, _vicon, _kinovea_table):
+    capture = (_optitrack, _vicon, _qualisys)
+    for reader in (_kinovea_text, _deeplabcut, _tracker, *capture, _kinovea_table):
         found = reader(path, lines)
         if found is not None:
             return found
@@ -251,3 +252,32 @@ def _vicon(path: Path, lines: Lines) -> Columns | None:
 
 
 _VICON = ("Trajectories", "Devices", "Model Outputs", "Joints", "Segments", "Events")
+
+
+def _qualisys(path: Path, lines: Lines) -> Columns | None:
+    """Settings, FREQUENCY and MARKER_NAMES among them, perhaps a header, and rows x y z."""
+    heads = {h[0]: (i, h[1:]) for i, h in enumerate(map(_cells, lines.texts[:40]))}
+    if not {"NO_OF_MARKERS", "FREQUENCY", "MARKER_NAMES"} <= heads.keys():
+        return None
+    at, points = heads["MARKER_NAMES"]
+    rate = read_number(heads["FREQUENCY"][1][0]) if heads["FREQUENCY"][1] else None
+    if not (rate and rate > 0.0):
+        number = lines.numbers[heads["FREQUENCY"][0]]
+        raise DataError(f"{path}: line {number}: FREQUENCY, expected a frame rate [Hz]")
+    names = [(f"{p}.{axis}", "mm") for p in points if p for axis in "xyz"]
+    below = lines[at + 1 :]
+    title = _cells(below.texts[0]) if len(below) else []
+    clocked = title[:2] == ["Frame", "Time"]
+    names = [("frame", ""), ("time", "s")][: 2 * clocked] + names
+    if not title or any(read_number(c) is not None for c in title):
+        head = "\t".join(name for name, _ in names)
+        below = Lines([head, *below.texts], lines.numbers[at:])
+    columns = columns_of(path, read_table(below), names)
+    columns.source = "Qualisys"
+    columns.notes.append("Qualisys states no unit: millimeters, its default")
+    if not clocked:
+        size = columns.lines.size if columns.lines is not None else 0
+        columns.values["time"] = np.arange(size) / rate
+        columns.units["time"] = "s"
+        columns.notes.append(f"time is counted at {rate:g} Hz, which the file states")
+    return columns

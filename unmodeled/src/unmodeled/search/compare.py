@@ -15,13 +15,14 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record, join_records
 from unmodeled.data.joining import align_clocks
+from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit.model import Candidate, Model, Ready, start_in
 from unmodeled.fit.noise import rms_of_measured
 from unmodeled.fit.observe import observe
 from unmodeled.lazy import lazy_import
 from unmodeled.search.problem import Observed
-from unmodeled.search.records import noise_of_channel, ready_records
+from unmodeled.search.records import noise_of_channel, ready_records, wrap_text
 from unmodeled.search.result import Compared, Hint
 from unmodeled.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
 
@@ -178,9 +179,13 @@ def refuse(found: Comparison) -> None:
     DataError
         A unit, sign, clock, or the order of columns is certainly wrong.
     """
-    if sure := [h.text for h in found.hints if h.sure]:
+    sure = [h for h in found.hints if h.sure]
+    texts = "; ".join(h.text for h in sure)
+    if sure and all(h.kind == "wrap" for h in sure):
+        raise DataError(f"records: {texts}")
+    if sure:
         raise DataError(
-            f"records: {'; '.join(sure)}. State it (--unit CHANNEL=UNIT, --column CHANNEL=COLUMN; "
+            f"records: {texts}. State it (--unit CHANNEL=UNIT, --column CHANNEL=COLUMN; "
             "in the TOML file unit, column, gain), or give parameters of the model their true "
             "tolerances"
         )
@@ -435,6 +440,8 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
     rows
         Channels of the records beside the model.
     """
+    if wraps := [*_wraps(runs)]:
+        return tuple(wraps)
     size = _size_of_tolerances(model)
     found: list[Hint] = []
     if math.isfinite(size):
@@ -450,6 +457,19 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
     if size > ANY_SIZE:
         found = [replace(h, sure=False) for h in found]
     return tuple(found or _delays(rows))
+
+
+def _wraps(runs: Runs) -> Iterator[Hint]:
+    """Channels that wrap, where the model does not: no error of a sensor has their jumps."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for record, outputs in runs:
+        for name in [n for n in record.outputs if n in outputs]:
+            unit = record.sensors[name].unit
+            text = wrap_text(name, record.outputs[name], unit)
+            if text and wrap_of(outputs[name], unit) is None:
+                found.setdefault((name, text), []).append(record.name)
+    for (name, text), where in found.items():
+        yield Hint("wrap", (name,), f"{name} of {', '.join(where)} {text}", sure=True)
 
 
 def _size_of_tolerances(model: Model) -> float:
@@ -668,18 +688,33 @@ def _cycles(order: Sequence[int]) -> Iterator[list[int]]:
 
 
 def _delays(rows: Sequence[Compared]) -> list[Hint]:
-    """About the same delay of every channel in every record, and nothing else.
+    """About the same delay of every channel in every record, or of some, and nothing else.
 
     A lighter or an easier part is early, too. Then the difference is no pure delay, and a hint to
     shift the records would spoil them.
     """
-    delays = np.array([r.delay for r in rows])
-    mean = float(np.mean(delays))
-    if len(rows) < 2 or not np.ptp(delays) <= SAME * abs(mean):
-        return []
-    if max(r.delayed for r in rows) > LEFT:
+    late = [r for r in rows if math.isfinite(r.delay)]
+    mean = float(np.mean([r.delay for r in late])) if late else 0.0
+    apart = float(np.ptp([r.delay for r in late])) if late else 0.0
+    if len(rows) < 2 or not late or apart > SAME * abs(mean) or max(r.delayed for r in late) > LEFT:
         return []
     factor, unit = readable_unit(mean, "s")
-    text = f"every channel is {abs(factor * mean):.3g} {unit} {'late' if mean > 0.0 else 'early'}"
-    names = tuple(dict.fromkeys(r.channel for r in rows))
-    return [Hint("delay", names, f"{text}: is the input on the same clock?")]
+    text = f"{abs(factor * mean):.3g} {unit} {'late' if mean > 0.0 else 'early'}"
+    names = tuple(dict.fromkeys(r.channel for r in late))
+    if len(late) == len(rows):
+        return [
+            Hint("delay", names, f"every channel is {text}: is the input on the same clock?"),
+        ]
+    # The others follow the model.
+    on_time = [r for r in rows if r not in late and r.rms <= SAME * min(o.rms for o in late)]
+    if len(on_time) + len(late) < len(rows):
+        return []
+    where = ", ".join(dict.fromkeys(r.record for r in late))
+    return [
+        Hint(
+            "delay",
+            names,
+            f"{', '.join(names)} is {text} in record {where}, and not in the others: was this "
+            "sensor or its clock different there?",
+        )
+    ]

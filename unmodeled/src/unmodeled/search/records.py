@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from unmodeled.data import Array, Record, Role
 from unmodeled.data.records import UNNAMED
 from unmodeled.data.smoothing import LEAST_SAMPLES, noise_of_record
+from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter, near_names
 from unmodeled.fit.model import Effect, Model, Ready, start_in
 from unmodeled.fit.noise import Noise, noise_of, rounding_error
@@ -39,6 +40,7 @@ __all__ = [
     "ready_records",
     "same_number",
     "split_records",
+    "wrap_text",
 ]
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
@@ -520,6 +522,24 @@ def _of_record(record: Record, compared: Collection[str]) -> Iterator[tuple[bool
         values = record.outputs[name]
         for fault, text in _numbers(values[np.isfinite(values)]):
             yield fault, f"{record.name}.{name}: {text}"
+    # Whether an output of a model wraps, too, is known when it is simulated.
+    beside = () if compared is record.outputs else compared
+    for name, values in {**record.outputs, **record.inputs}.items():
+        if name not in beside and (text := wrap_text(name, values, record.units.get(name, "1"))):
+            yield False, f"{record.name}.{name}: {text}"
+
+
+def wrap_text(name: str, values: Array, unit: str) -> str:
+    """Sentence about a channel that wraps, and what makes it continuous; "" if it does not."""
+    if (found := wrap_of(values, unit)) is None:
+        return ""
+    period, words = found
+    size = f"{period:g}" if unit != "rad" else f"{math.degrees(period):g}deg"
+    return (
+        f"jumps by about {period:.6g}, as {words} that wraps: --period {name}={size} makes "
+        f"it continuous (period in the TOML file; in Python numpy.unwrap(values, period="
+        f"{period:.15g}))"
+    )
 
 
 def _clock(time: Array) -> Iterator[tuple[bool, str]]:

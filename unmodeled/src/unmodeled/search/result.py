@@ -365,7 +365,7 @@ class Compared:
 class Hint:
     """An error of the records that would explain a difference."""
 
-    kind: Literal["unit", "sign", "scale", "clock", "input", "exchange", "delay"]
+    kind: Literal["unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap"]
     channels: tuple[str, ...]
     text: str
     sure: bool = False

@@ -202,6 +202,8 @@ def parse_scalar(node: object, si_unit: str) -> float:
             unit = "" if si_unit == "1" else f" with a unit of {si_unit}"
             raise ValueError(f"got {shown(node)}, expected a finite number{unit}")
         unit = match.group(2).strip()
+        if re.match(r",\d", unit):
+            raise ValueError(f"got {shown(node)}, expected a decimal point")
         return _number(float(match.group(1))) * (_factor(unit, si_unit) if unit else 1.0)
     if isinstance(node, Mapping):
         _check_table(node)

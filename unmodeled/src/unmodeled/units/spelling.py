@@ -25,6 +25,8 @@ _NAMES = {
     "us": "usec microsecond microseconds",
     "min": "minute minutes",
     "h": "hour hours hr hrs stunde stunden",
+    "day": "days tag tage",
+    "bar": "bars",
     "rpm": "rpm u/min r/min",
     "L": "liter liters litre litres",
     "mL": "milliliter milliliters millilitre millilitres",
@@ -52,7 +54,11 @@ _NAMES = {
     PIXEL: "px pixel pixels pix",
 }
 #: Torques as instruments write them; "nm" is a length.
-_TORQUES = {"Nm": "N m", "N.m": "N m", "N-m": "N m", "mNm": "mN m", "mN.m": "mN m"}
+_TORQUES = {
+    f"{prefix}N{dot}m": f"{prefix}N m"
+    for prefix in ("", "m", "u", "µ", "k")
+    for dot in ("", ".", "-")
+}
 _SPELLED = {word: unit for unit, words in _NAMES.items() for word in words.split()}
 _LENGTH, _FORCE = "m", "N"
 #: Words after which a bare unit may follow (``Time_s``), and their quantity. Elsewhere, the end of
@@ -70,9 +76,17 @@ _QUANTITIES = {
 }
 _MEASURED = {word: si for si, words in _QUANTITIES.items() for word in words.split()}
 _BRACKETS = re.compile(r"(.*\S)?\s*[\[(<]((?:[^\[\]()<>]|\([^()]*\))*)[\])>]\s*")
+#: ``pos[0]``, ``pos[x]``: an index, no unit.
+_INDEX = re.compile(r"\d+|[xyz]")
 #: As in standards of notation, a quantity over its unit: ``U_B1 / V``, ``M / N m``.
 _OVER = re.compile(r"(.*\S)\s+/\s+(\S.*)")
-_BARE = re.compile(r"(.*?[^\s_,/])(?:\s*[_,/]\s*|\s+|\s+in\s+)([^\s_,/]+(?:/[^\s_,/]+)?)")
+_BARE = re.compile(r"(.*?[^\s_,/])(\s*[_,/]\s*|\s+|\s+in\s+)([mkuµ]?N m|[^\s_,/]+(?:/[^\s_,/]+)?)")
+#: Units that are no word and no label: after a space they count behind any name (``Taste mm``).
+_CLEAR = (
+    "mm cm um µm ms us µs mN cN uN µN kN MN gf kgf lbf kPa MPa GPa hPa mbar psi mrad deg ° Hz kHz "
+    "rpm mA mV kW °C degC degF °F kg N/mm N/m m/s mm/s m/s^2 m/s² rad/s deg/s mN/mm Nm mNm uNm µNm "
+    "px"
+)
 
 
 @lru_cache(maxsize=10_000)
@@ -115,7 +129,7 @@ def split_column(heading: str) -> tuple[str, str]:
     """
     text = heading.strip()
     found = _BRACKETS.fullmatch(text)
-    if found is not None:
+    if found is not None and not (_INDEX.fullmatch(found[2]) and text.endswith(f"{found[2]}]")):
         name, unit = (found[1] or "").strip(), found[2].strip()
         if text.endswith(("]", ">")):
             return name, spelled_unit(unit) or unit
@@ -131,8 +145,9 @@ def split_column(heading: str) -> tuple[str, str]:
         return over[1].strip(), unit
     bare = _BARE.fullmatch(text)
     if bare is not None:
-        name, known = bare[1].strip(), spelled_unit(bare[2])
-        if known and _fits(name, known):
+        name, known = bare[1].strip(), spelled_unit(bare[3])
+        clear = bare[2].isspace() and (bare[3] in _CLEAR.split() or " " in bare[3])
+        if known and (clear or _fits(name, known)):
             return name, known
     return text, ""
 
