@@ -63,9 +63,10 @@ MAY_USE = {
         "adapters": f"{RUN} fit",
         "action": f"{RUN} fit gap adapters graphics",
         "graphics": RUN,
+        "keyboard": f"{RUN} action",
         "live": f"{RUN} fit gap experiment adapters action graphics __init__",
         "__init__": f"{RUN} felt fit gap experiment adapters action graphics",
-        "cli": f"{RUN} blas felt fit gap experiment adapters action graphics live __init__",
+        "cli": f"{RUN} blas felt fit gap experiment adapters action keyboard graphics live __init__",
         "__main__": "cli",
     },
 }

@@ -32,6 +32,10 @@ COMMANDS = {
         "Wear: each felt, friction and spring changed, against the regulation.",
     ),
     "symptom": ("technician:symptom", "Symptoms, such as blocks: tests, causes and screws."),
+    "keyboard": (
+        "keyboard",
+        "Keyboards: weights of 88 keys, ground truth for hammer and key sensors.",
+    ),
     "gap": ("gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": ("gap:fit", "Fit a model to measured records: parameters with intervals."),
     "show": (
