@@ -35,6 +35,10 @@ COMMANDS = {
         "feltmb.cli.technician:symptom",
         "Symptoms, such as blocks: tests, causes and screws.",
     ),
+    "keyboard": (
+        "feltmb.cli.keyboard",
+        "Keyboards: weights of 88 keys, ground truth for hammer and key sensors.",
+    ),
     "gap": ("feltmb.cli.gap", "The gap to measurements: where, which cause, how far it shrinks."),
     "fit": (
         "unmodeled.cli.diagnose:fit",
