@@ -176,7 +176,7 @@ def load_model(
     """Model by the path of a file, or by a name that an extension knows.
 
     The file is an FMU, a MuJoCo model (XML), Python, or a file of an extension. A Python file
-    defines ``model``, or another name behind a colon: a :class:`unmodeled.Model`, or a function
+    defines ``model``, or another name behind a colon: an :class:`unmodeled.Model`, or a function
     ``(time, inputs, parameters) -> {output: values}``. It may define ``effects`` (a sequence of
     :class:`unmodeled.Effect`, or a function of the records that returns one, see
     :meth:`LoadedModel.with_records`), ``planned`` (possible records) and ``limits`` (a

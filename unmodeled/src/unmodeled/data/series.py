@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import re
-import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
@@ -225,7 +224,9 @@ class Columns:
                 first = next(iter(words.values()))
                 self.left_out[name] = f"text, such as {shortened(repr(first), 40)}"
                 return False
-            self.notes.append(f"{shortened(name)}: times of day or dates become seconds from the first")
+            self.notes.append(
+                f"{shortened(name)}: times of day or dates become seconds from the first"
+            )
             values, unit = seconds, "s"
         elif words:
             self.wrong_cells[name] = dict(words)
