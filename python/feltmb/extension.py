@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from unmodeled.experiment.designs import DesignedExperiment
     from unmodeled.loading import LoadedModel
 
-__all__ = ["load", "names", "settings"]
+__all__ = ["load", "names", "settings", "write_stroke"]
 
 
 def load(
@@ -37,11 +37,11 @@ def load(
         planned_strokes(model),
         model.library.outputs,
         finger_limits(model),
-        write_input=_write_stroke,
+        write_input=write_stroke,
     )
 
 
-def _write_stroke(
+def write_stroke(
     experiment: DesignedExperiment, stem: Path, units: Mapping[str, str], *, force: bool
 ) -> list[Path]:
     """Write a planned input as the file of a stroke."""

@@ -265,7 +265,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 
 
 BOX = fields_of(
-    "fiber.simulation:FiberBox",
+    "feltmb.fiber.simulation:FiberBox",
     n_fibers={"words": "--fibers", "type": count(1, 100_000)},
     n_beads={"words": "--beads", "type": count(2, 10_000)},
     d_f={"type": positive("m"), "default": "25 um"},
@@ -286,7 +286,7 @@ BOX = fields_of(
     seed={"type": count(0)},
 )
 CYCLE = fields_of(
-    "fiber.simulation:Cycle",
+    "feltmb.fiber.simulation:Cycle",
     v_max={"type": FRACTION},
     strain_per_step={"type": Number(0, 0.01, min_open=True, max_open=True)},
     cycles={"type": count(1, 100_000)},

@@ -177,7 +177,7 @@ def command(
     finger: Finger = fields_of("feltmb.cli.stroke:Finger"),
     target: Target = fields_of("feltmb.cli.stroke:Target"),
     options: RunOptions = fields_of(
-        "run.options:RunOptions",
+        "feltmb.run.options:RunOptions",
         duration={"type": positive("s")},
         rtol={"type": Number(1e-13, 1e-2)},
         error={"type": Number(0, 0.1, min_open=True)},

@@ -5,7 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from feltmb.cli.models import load_adapter
 
 import feltmb
 from feltmb.adapters import mechanism_model
@@ -17,6 +16,7 @@ from unmodeled.data import Record, Sensor
 from unmodeled.data.smoothing import smooth_record
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit import Jobs, including
+from unmodeled.loading import load_model
 from unmodeled.search.records import prepare, ready_records, split_records
 from unmodeled.search.variation import with_variation
 
@@ -378,7 +378,7 @@ def test_a_file_with_motion_and_force_is_driven_by_the_force(driven, tmp_path):
     sheet = 'name = "piano"\ninput_mode = "motion"\ntime = "time"\n[inputs.displacement]\n'
     sheet += 'unit = "mm"\nsigma = 5e-6\n[outputs."finger.force"]\nunit = "N"\n'
     (tmp_path / "piano.toml").write_text(sheet + '[outputs."hammer_tip.x"]\nunit = "mm"\n')
-    adapter = load_adapter("steinway45", ["channels=hammer_tip.x,force"])
+    adapter = load_model("steinway45", {"channels": "hammer_tip.x,force"})
     (read,) = adapter.read([path])
     (kept,) = adapter.model.ready([read]).records
     assert (kept.input_mode, kept.input_units) == ("force", {"force": "N"})

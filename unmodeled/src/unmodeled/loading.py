@@ -137,7 +137,7 @@ class LoadedModel:
 
     def measured(self, path: Path | None) -> LoadedModel:
         """Copy with tests of single parts instead of tolerances."""
-        from unmodeled import read_measured, with_measured
+        from unmodeled.fit.measured import read_measured, with_measured
 
         if path is None:
             return self

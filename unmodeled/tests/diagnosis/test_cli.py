@@ -158,27 +158,28 @@ def test_notes_about_several_channels_are_one_and_long_tables_end(tmp_path, caps
     rows = [",".join([f"{t}", *(["1"] * 209), f"{t * t}"]) for t in range(6)]
     path = tmp_path / "a.csv"
     path.write_text("\n".join([",".join(["t [s]", *names]), *rows]))
-    assert run("gap", "check", path) == 0
+    assert run("check", path) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "10 more channels are not shown; --json prints all" in out
     assert out.count(": it never changes") == 1
     assert "Note: a.c0, a.c1, a.c2" in out
     # What can be stated is told first.
     assert out.index("no unit in the header") < out.index("it never changes")
-    assert run("gap", "check", path, "--json") == 0
+    assert run("check", path, "--json") == 0
     assert len(json.loads(capsys.readouterr().out)["channels"]) == 210
 
 
 def test_a_difference_that_is_not_given_in_noise_is_told(tmp_path, capsys):
     model = tmp_path / "m.py"
     model.write_text(
-        "import feltmb\n"
-        "model = unmodeled.Equations(lambda t, x, u, p: (-p.k * x.q,), states={'q': (1.0, 0.1, 'm')},"
+        "import unmodeled\n"
+        "model = unmodeled.Equations(lambda t, x, u, p: (-p.k * x.q,),"
+        " states={'q': (1.0, 0.1, 'm')},"
         " parameters={'k': (1.0, 0.1, '1/s')}, outputs={'q': 'q'})\n"
     )
     path = tmp_path / "a.csv"
     path.write_text("t [s],q [m]\n" + "".join(f"{0.1 * k},{0.9**k}\n" for k in range(30)))
-    assert run("gap", "check", model, path) == 0
+    assert run("check", model, path) == 0
     out = " ".join(capsys.readouterr().out.split())
     assert "of motion factor" in out
     assert "q: no noise is stated, so that the difference is not given in noise" in out

@@ -198,7 +198,7 @@ def test_a_warning_of_mujoco_is_no_file(tmp_path):
     text = ARM.replace('"j3" axis="1 0 0"', '"j3" axis="0 1 0"')
     (tmp_path / "model.xml").write_text(text.replace('<geom type="box"', light))
     code = (
-        "import feltmb, numpy as np\n"
+        "import unmodeled, numpy as np\n"
         "model = unmodeled.mujoco('model.xml')\n"
         "model.mjcf(np.arange(20) * 0.1, {}, {})\n"
     )

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from feltmb.cli.models import Stated, _model_of
 
 import unmodeled
 from unmodeled import Options, Record, Sensor
+from unmodeled.cli.models import Stated
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import Effect, Exposed, Parameter
+from unmodeled.loading import load_model
 
 TIME = np.linspace(0.0, 2.0, 60)
 POUND = 0.45359237
@@ -128,13 +129,21 @@ def test_an_unknown_unit_is_refused(kind):
             kind([], **given)
 
 
-def test_the_command_line_and_python_give_the_function_the_same():
-    got, stated = [], Stated(("m=4.41lb±0.2lb",), ("extra=50g",))
-    model = _model_of("file.py", {"model": function_of(got)}, "model", stated)
-    own = simulator(got, parameters={"m": (4.41, 0.2, "lb")}, unknown={"extra": (0, 50, "g")})
+def test_the_command_line_and_python_give_the_function_the_same(tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(
+        "def load(time, inputs, parameters):\n"
+        "    return {'y': inputs['u'] * sum(parameters.values())}\n"
+        "def pounds(time, inputs, parameters):\n    return load(time, inputs, parameters)\n"
+        "pounds.units = {'m': 'lb'}\n"
+    )
+    stated = Stated(("m=4.41lb±0.2lb",), ("extra=50g",))
+    given = {"parameters": stated.parameters, "unknown": stated.causes}
+    model = load_model(f"{path}:load", **given).model
+    own = simulator([], parameters={"m": (4.41, 0.2, "lb")}, unknown={"extra": (0, 50, "g")})
     assert model.parameters == own.parameters
     assert [(e.scale, e.unit) for e in model.effects] == [(e.scale, e.unit) for e in own.effects]
-    kept = _model_of("file.py", {"model": function_of(got, {"m": "lb"})}, "model", stated)
+    kept = load_model(f"{path}:pounds", **given).model
     assert kept.parameters[0].value == 4.41
 
 

@@ -2,8 +2,8 @@
 
 Rates, outputs and effects are traced once (:mod:`unmodeled.fit.tape`). The jobs of one kind, which
 have the same effects and the same variables of differentiation, are one program
-(:mod:`unmodeled.fit.program`) and are integrated together (:mod:`unmodeled.fit.step`). What cannot be
-traced runs as functions of Python.
+(:mod:`unmodeled.fit.program`) and are integrated together (:mod:`unmodeled.fit.step`). What cannot
+be traced runs as functions of Python.
 """
 
 from __future__ import annotations

@@ -334,15 +334,7 @@ class Equations(Model):
         return [s for s in found if s is not None]
 
     def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
-<<<<<<< HEAD
-        self._check_inputs([record for record, _ in batches])
-=======
         self._check_batches(batches)
-        groups: dict[object, list[int]] = {}
-        for i, (_, jobs) in enumerate(batches):
-            groups.setdefault(None if jobs.forces is None else jobs.forces.shape[2], []).append(i)
-        runs: dict[int, Array] = {}
->>>>>>> d0ee7c1a0f21096accbf4cc59ee3be8ad4d65d60
         with np.errstate(all="ignore"):
             return [y for y, _ in simulated(self._system, self._traces, batches)]
 

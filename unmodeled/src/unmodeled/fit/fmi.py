@@ -16,13 +16,8 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, near_names
-<<<<<<< HEAD
 from unmodeled.files import LARGEST_JSON, NPZ_FAULTS, open_input
-from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
-=======
-from unmodeled.files import is_file
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
->>>>>>> d0ee7c1a0f21096accbf4cc59ee3be8ad4d65d60
 from unmodeled.fit.simulator import Simulator
 from unmodeled.units import spelled_unit
 

@@ -15,14 +15,9 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import is_file, write_text
-<<<<<<< HEAD
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.model import Candidate, Ready
-from unmodeled.fit.priors import Bounds, Priors, Unknowns, from_file
-=======
-from unmodeled.fit.model import Candidate
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
->>>>>>> d0ee7c1a0f21096accbf4cc59ee3be8ad4d65d60
 from unmodeled.fit.simulator import Simulator
 
 __all__ = ["MujocoModel", "mujoco"]

@@ -75,7 +75,8 @@ class Comparison:
             for r in self.rows
             if r.samples
         ]
-        return lazy_import("unmodeled.report.figures:comparison")(
+        draw: Callable[..., Figure] = lazy_import("unmodeled.report.figures:comparison")
+        return draw(
             f"{self.model}: before anything is fitted",
             [(r.channel, r.unit, x, y[r.channel], r.noise) for r, x, y in shown],
         )
