@@ -4,9 +4,9 @@ import re
 
 import click
 import pytest
-from feltmb.cli.options import ListOption, Quantity, split_list
 
 from feltmb.cli import cli
+from unmodeled.cli.options import ListOption, Quantity, split_list
 
 UNIT = re.compile(r"\[(m|m\^2|s|rad|Hz|Pa|N/m|N|kg)\]")
 

@@ -16,11 +16,11 @@ def test_the_digest_of_the_package_is_of_all_of_it(monkeypatch, tmp_path):
     for name in ("run/a.py", "contact/b.py", "mechanism/c.toml", "_core.so", "files/digest.py"):
         (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         (tmp_path / name).write_text(name)
-    monkeypatch.setattr(digest, "__file__", str(tmp_path / "files" / "digest.py"))
-    monkeypatch.setitem(sys.modules, "feltmb._core", SimpleNamespace())
+    package = SimpleNamespace(__file__=str(tmp_path / "__init__.py"))
+    monkeypatch.setitem(sys.modules, "anything", package)
 
     def now():
-        return digest.package_digest.__wrapped__()
+        return digest.package_digest.__wrapped__("anything")
 
     first = now()
     seen = {first}

@@ -12,7 +12,7 @@ import pytest
 import feltmb
 import unmodeled
 from feltmb.cli import main
-from unmodeled.data import Record, Sensor, write_record
+from unmodeled.data import Record, Sensor
 from unmodeled.errors import DataError
 
 POINTS = ("key_front.y", "hammer_tip.x")
@@ -173,16 +173,3 @@ def test_the_command_prints_numbers_and_draws_a_picture(tmp_path, capsys):
     assert picture.read_bytes()[:4] == b"\x89PNG"
     assert command(*given, "-o", picture) == 2
     assert "--force" in capsys.readouterr().err
-
-
-def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
-    with pytest.raises(DataError, match="none of its outputs"):
-        unmodeled.check(models.NOMINAL, stroke())
-    assert command("gap", "check", "steinway45") == 2
-    assert "got 'steinway45' alone, expected measured files" in capsys.readouterr().err
-    path = write_record(models.records(1)[0], tmp_path / "one.csv")
-    assert command("gap", "check", path, "-o", tmp_path / "a.png") == 2
-    assert "need a MODEL before the data" in capsys.readouterr().err
-    assert command("gap", "check", path, "--json") == 0
-    (row,) = json.loads(capsys.readouterr().out)["channels"]
-    assert (row["channel"], row["unit"], row["samples"]) == ("q", "m", 600)

@@ -21,21 +21,22 @@ from unmodeled.arguments import AnyNumber, checked
 from unmodeled.errors import Error, InvalidParameter, shown
 
 MODULES = [
-    "action.actuator",
-    "contact",
-    "felt",
-    "fiber",
-    "fit",
-    "fit.authoring",
-    "gap",
-    "unmodeled.result",
-    "experiment",
-    "fiber.material",
-    "action.regulate",
-    "run.fmu",
-    "run.sensitivity",
-    "run.sweep",
-    "action.touch",
+    "feltmb",
+    "feltmb.action.actuator",
+    "feltmb.contact",
+    "feltmb.felt",
+    "feltmb.fiber",
+    "unmodeled.fit",
+    "unmodeled.fit.authoring",
+    "unmodeled",
+    "unmodeled.search.result",
+    "unmodeled.experiment",
+    "feltmb.fiber.material",
+    "feltmb.action.regulate",
+    "feltmb.run.fmu",
+    "feltmb.run.sensitivity",
+    "feltmb.run.sweep",
+    "feltmb.action.touch",
 ]
 DATA = Path(__file__).resolve().parents[2] / "data"
 
@@ -235,7 +236,7 @@ def written(name, text):
 
 
 def jobs():
-    return unmodeled.Jobs(theta=np.array([[1.0, 100.0]]), starts=np.zeros((1, 2)))
+    return unmodeled.fit.Jobs(theta=np.array([[1.0, 100.0]]), starts=np.zeros((1, 2)))
 
 
 @cache
@@ -260,7 +261,7 @@ def model_methods(model):
     """Methods that all models have, with arguments."""
     theta = np.array([p.value for p in model.parameters])
     start = np.zeros(len(model.states()))
-    rows = unmodeled.Jobs(theta=theta[None], starts=start[None])
+    rows = unmodeled.fit.Jobs(theta=theta[None], starts=start[None])
     return {
         "accepts": {"effect": DRY},
         "events": {"record": record(), "outputs": {"q": np.zeros(200)}},
@@ -271,7 +272,7 @@ def model_methods(model):
         "simulate": {"record": record(), "jobs": rows},
         "simulate_all": {"batches": [(record(), rows)]},
         "states": {"included": ()},
-        "sensitivities": {"requests": [unmodeled.SensitivityRequest(record(), theta, start)]},
+        "sensitivities": {"requests": [unmodeled.fit.SensitivityRequest(record(), theta, start)]},
         "with_parameters": {"parameters": {p.name: p for p in model.parameters[:1]}},
     }
 
@@ -944,7 +945,7 @@ CALLS = {
     ),
     "unmodeled.fit.authoring.Including": lambda: {
         "model": oscillator(),
-        "included": (unmodeled.Candidate(DRY),),
+        "included": (unmodeled.fit.Candidate(DRY),),
         "magnitudes": np.array([0.01]),
     },
     "unmodeled.fit.authoring.Jobs": lambda: {
@@ -983,15 +984,15 @@ CALLS = {
     },
     "unmodeled.fit.authoring.evenly_spaced": lambda: {"time": 0.1 * np.arange(9)},
     "unmodeled.fit.authoring.Sensitivity": lambda: {
-        name: np.zeros((1, 2)) for name in inspect.signature(unmodeled.Sensitivity).parameters
+        name: np.zeros((1, 2)) for name in inspect.signature(unmodeled.fit.Sensitivity).parameters
     },
     "unmodeled.fit.authoring.SensitivityRequest": lambda: REQUEST | {"record": record()},
     "unmodeled.fit.authoring.SensitivityRequest.check": lambda: (
-        unmodeled.SensitivityRequest(**REQUEST, record=record()),
+        unmodeled.fit.SensitivityRequest(**REQUEST, record=record()),
         {"model": oscillator()},
     ),
     "unmodeled.fit.authoring.SensitivityRequest.parameters_of": lambda: (
-        unmodeled.SensitivityRequest(**REQUEST, record=record()),
+        unmodeled.fit.SensitivityRequest(**REQUEST, record=record()),
         {"model": oscillator()},
     ),
     "unmodeled.fit.State": lambda: {
@@ -1347,7 +1348,7 @@ def call_of(name):
     made = made()
     if isinstance(made, tuple):
         return getattr(made[0], parts[-1]), made[1]
-    home = feltmb if len(parts) == 2 else importlib.import_module(".".join(parts[:-1]))
+    home = importlib.import_module(".".join(parts[:-1]))
     return getattr(home, parts[-1]), made
 
 
@@ -1374,14 +1375,14 @@ def do(function, arguments):
 def public_names():
     """Every public function, class and method of the public modules, by its first name."""
     seen, names = set(), []
-    for module in ["", *MODULES]:
-        home = importlib.import_module(f"feltmb.{module}") if module else feltmb
+    for module in MODULES:
+        home = importlib.import_module(module)
         for name in home.__all__:
             member = getattr(home, name)
             if not callable(member) or id(member) in seen:
                 continue
             seen.add(id(member))
-            full = f"feltmb.{module}.{name}" if module else f"feltmb.{name}"
+            full = f"{module}.{name}"
             if inspect.isclass(member):
                 names += _of_class(full, member)
             elif inspect.isfunction(member) and inspect.signature(member).parameters:
@@ -1494,8 +1495,8 @@ def test_what_an_annotation_names_is_known(tmp_path, monkeypatch):
     """A name that no module knows would refuse every value."""
     monkeypatch.chdir(tmp_path)  # some valid calls need a file
     classes = {"Executor", "DataFrame"}
-    for module in ["", *MODULES, "_core", "_core.fiber"]:
-        home = importlib.import_module(f"feltmb.{module}") if module else feltmb
+    for module in [*MODULES, "feltmb._core", "feltmb._core.fiber"]:
+        home = importlib.import_module(module)
         for member in vars(home).values():
             classes |= {c.__name__ for c in getattr(member, "__mro__", ())}
     for name in NAMES:

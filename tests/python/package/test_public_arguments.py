@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import feltmb
+import unmodeled
 from unmodeled.errors import Error, shown
 
 DATA = Path(__file__).resolve().parents[2] / "data"
@@ -30,10 +31,11 @@ FEW = [object(), {}, math.nan, 10**400, "\ud800", np.ones((2, 3))]
 
 def public_functions():
     """Functions by name, and classes whose arguments are checked."""
-    names = "actuator adapters animate batch contact data felt fiber fit fmu gap graph parameters "
-    names += "plot sensitivity units viewer"
+    names = "actuator adapters animate batch contact felt fiber gap graph parameters "
+    names += "plot sensitivity viewer"
     homes = [feltmb, *(getattr(feltmb, name) for name in names.split())]
     homes += [importlib.import_module(f"feltmb.{name}") for name in ("live", "mechanism")]
+    homes += [unmodeled, unmodeled.data, unmodeled.fit, unmodeled.units]
     found = {}
     for home in homes:
         for name in getattr(home, "__all__", ()):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 
@@ -264,7 +265,7 @@ def test_uncertain_start_states_do_not_hide_a_wrong_unit():
         time = np.arange(400) * 5e-3
         moment = (5.0 + 2.0 * i) * np.sin((5.0 + i) * time)
         empty = Record(name=f"r{i}", time=time, inputs={"M": moment}, outputs={"angle": 0.0 * time})
-        jobs = unmodeled.Jobs(theta=np.array([[103.0]]), starts=np.zeros((1, 2)))
+        jobs = unmodeled.fit.Jobs(theta=np.array([[103.0]]), starts=np.zeros((1, 2)))
         angle = np.degrees(model.simulate(empty, jobs)[0, :, 0])
         noise = 0.02 * np.random.default_rng(i).standard_normal(time.size)
         sensor = Sensor(name="angle", unit="rad", sigma=0.02)
@@ -478,3 +479,18 @@ def test_a_delay_in_some_records_is_told():
     (hint,) = check(model, records).hints
     assert (hint.kind, hint.sure) == ("delay", False)
     assert "x is 1 ms late in record late 1, late 2, and not in the others" in hint.text
+
+
+def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
+    record = models.records(1)[0]
+    other = replace(record, outputs={"w": record.time}, sensors={"w": Sensor(name="w", unit="m")})
+    with pytest.raises(DataError, match="none of its outputs"):
+        unmodeled.check(models.NOMINAL, other)
+    assert command("check", "model.xyz") == 2
+    assert "got 'model.xyz' alone, expected measured files" in capsys.readouterr().err
+    path = write_record(record, tmp_path / "one.csv")
+    assert command("check", path, "-o", tmp_path / "a.png") == 2
+    assert "need a MODEL before the data" in capsys.readouterr().err
+    assert command("check", path, "--json") == 0
+    (row,) = json.loads(capsys.readouterr().out)["channels"]
+    assert (row["channel"], row["unit"], row["samples"]) == ("q", "m", 600)
