@@ -920,11 +920,11 @@ CALLS = {
         name: getattr(DRY, name) for name in inspect.signature(unmodeled.Effect).parameters
     },
     "unmodeled.fit.FunctionModel": lambda: dict(FUNCTION),
-    "unmodeled.Simulator": lambda: dict(SIMULATOR),
+    "unmodeled.fit.Simulator": lambda: dict(SIMULATOR),
     "unmodeled.fit.Exposed": lambda: {"scale": 1.0, "unit": "N", "component": "guide"},
     "unmodeled.fit.Exposed.effect": lambda: (fit.Exposed(scale=1.0), {"name": "extra"}),
-    "unmodeled.fmu": None,  # needs FMPy and an FMU
-    "unmodeled.mujoco": None,  # needs MuJoCo
+    "unmodeled.fit.fmu": None,  # needs FMPy and an FMU
+    "unmodeled.fit.mujoco": None,  # needs MuJoCo
     "unmodeled.read": lambda: {
         "files": written("read.csv", "time [s],q [m]\n0,1\n1,2\n"),
         "inputs": (),
@@ -957,7 +957,7 @@ CALLS = {
     },
     "unmodeled.fit.LinearModel": lambda: dict(LINEAR),
     "unmodeled.fit.authoring.Named": lambda: {"values": {"a": 1.0}},
-    "unmodeled.Equations": lambda: dict(ODE),
+    "unmodeled.fit.Equations": lambda: dict(ODE),
     "unmodeled.fit.Parameter": lambda: {
         "name": "p",
         "value": 1.0,
@@ -1092,6 +1092,7 @@ CALLS = {
         "effects": [DRY],
         "result": report(),
     },
+    "unmodeled.load_model": lambda: {"name": "steinway45"},
     "unmodeled.withhold": lambda: {
         "model": oscillator(),
         "effects": [DRY],

@@ -11,6 +11,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Protocol
 
+from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
@@ -164,6 +165,7 @@ class LoadedModel:
         )
 
 
+@checked
 def load_model(
     name: str,
     settings: Mapping[str, str] | None = None,
