@@ -184,6 +184,12 @@ def test_damaged_files_and_missing_packages(tmp_path, monkeypatch, kind, package
 def test_a_workbook_that_unpacks_to_gigabytes_is_refused(tmp_path):
     pytest.importorskip("openpyxl")
     with zipfile.ZipFile(tmp_path / "a.xlsx", "w", zipfile.ZIP_DEFLATED) as packed:
-        packed.writestr("xl/worksheets/sheet1.xml", b" " * 300_000_000)
+        packed.writestr("xl/worksheets/sheet1.xml", b" " * 110_000_000)
     with pytest.raises(DataError, match="bytes unpacked; the limit is"):
         read_record(tmp_path / "a.xlsx")
+
+
+def test_the_ending_of_a_testing_machine_is_a_text(tmp_path):
+    path = tmp_path / "Probe1.TRA"
+    path.write_bytes((LAYOUTS / "f_zwick.csv").read_bytes())
+    np.testing.assert_allclose(read_record(path).time, 0.01 * np.arange(60))

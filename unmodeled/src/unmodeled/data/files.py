@@ -203,7 +203,8 @@ def read_record(
         ``.csv``, ``.txt``, ``.tsv`` (comma, semicolon, tab or spaces; decimal point or comma; text
         above the header and lines with # are ignored; empty cells and nan are missing), also
         exports of Kinovea, Tracker and DeepLabCut, and of ROS bags; ``.mat``, ``.nc``, ``.h5``,
-        ``.parquet``, ``.feather`` (also of LeRobot), ``.mcap``.
+        ``.parquet``, ``.feather`` (also of LeRobot), ``.mcap``, ``.xlsx``, ``.tdms``; texts of
+        instruments may end in ``.dat``, ``.asc``, ``.lvm``, ``.mot``, ``.sto`` or ``.tra``.
     inputs, outputs
         Names of the signals if there is no TOML file; they are also the names of the columns. All
         inputs must exist, and at least one of the outputs: the others were not measured. Without

@@ -22,6 +22,7 @@ from unmodeled.units.quantity import shortened
 
 __all__ = ["add_stated", "read_tdms", "without_monitor", "workbook_lines"]
 
+LARGEST_BOOK = 100_000_000  # unpacked bytes of a workbook, whose cells need a second per 5 MB
 #: Settings that state the time between two rows, and the number of rows in a second.
 _STEPS = "delta_x, sample interval, sampling interval, increment, tinc, sample period, delta t"
 _RATES = "sample rate, sampling rate, sample frequency, sampling frequency, scan rate, abtastrate"
@@ -149,8 +150,8 @@ def workbook_lines(path: Path) -> tuple[Lines, list[str]]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             size = sum(item.file_size for item in packed.infolist())
-        if size > LARGEST_TABLE:
-            raise DataError(f"{path}: {size} bytes unpacked; the limit is {LARGEST_TABLE}")
+        if size > LARGEST_BOOK:
+            raise DataError(f"{path}: {size} bytes unpacked; the limit is {LARGEST_BOOK}")
         book = load_workbook(io.BytesIO(data), read_only=True, data_only=True)
         count = iter(range(MOST_NUMBERS))
         for sheet in book.worksheets:

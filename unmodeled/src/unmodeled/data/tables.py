@@ -59,7 +59,7 @@ TEST = "specimen"
 #: A number with separators of thousands; its other sign tells which of them is the decimal sign.
 _THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:(?:,\d{3})+\.\d*|(?:\.\d{3})+,\d*)")
 #: A setting in one cell: ``inDegrees=yes``, ``tInc = 2e-07``.
-_SETTING = re.compile(r"\s*([^=]*[^=\s])\s*=\s*(.*\S)\s*")
+_SETTING = re.compile(r"([^=]*[^=\s])\s*=\s*(.*\S)")
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ def _without_settings(
     told: dict[str, tuple[str, ...]] = {}
     end = len(names)
     for j in reversed(range(len(names))):
-        own = _SETTING.fullmatch(names[j])
+        own = _SETTING.fullmatch(names[j].strip())
         below = units[j] if j < len(units) else ""
         if own is not None:
             told[plain_name(own[1])] = (own[2],)

@@ -524,8 +524,9 @@ def _of_record(record: Record, compared: Collection[str]) -> Iterator[tuple[bool
             yield fault, f"{record.name}.{name}: {text}"
     # Whether an output of a model wraps, too, is known when it is simulated.
     beside = () if compared is record.outputs else compared
+    units = record.units
     for name, values in {**record.outputs, **record.inputs}.items():
-        if name not in beside and (text := wrap_text(name, values, record.units.get(name, "1"))):
+        if name not in beside and (text := wrap_text(name, values, units.get(name, "1"))):
             yield False, f"{record.name}.{name}: {text}"
 
 
