@@ -76,8 +76,8 @@ _QUANTITIES = {
 }
 _MEASURED = {word: si for si, words in _QUANTITIES.items() for word in words.split()}
 _BRACKETS = re.compile(r"(.*\S)?\s*[\[(<]((?:[^\[\]()<>]|\([^()]*\))*)[\])>]\s*")
-#: ``pos[0]``, ``pos[x]``: an index, no unit.
-_INDEX = re.compile(r"\d+|[xyz]")
+#: ``pos[0]``, ``pos[x]``: an index, no unit; ``pump [1]`` has the unit 1.
+_INDEX = re.compile(r".*\S\[(?:\d+|[xyz])\]")
 #: As in standards of notation, a quantity over its unit: ``U_B1 / V``, ``M / N m``.
 _OVER = re.compile(r"(.*\S)\s+/\s+(\S.*)")
 _BARE = re.compile(r"(.*?[^\s_,/])(\s*[_,/]\s*|\s+|\s+in\s+)([mkuµ]?N m|[^\s_,/]+(?:/[^\s_,/]+)?)")
@@ -129,7 +129,7 @@ def split_column(heading: str) -> tuple[str, str]:
     """
     text = heading.strip()
     found = _BRACKETS.fullmatch(text)
-    if found is not None and not (_INDEX.fullmatch(found[2]) and text.endswith(f"{found[2]}]")):
+    if found is not None and not _INDEX.fullmatch(text):
         name, unit = (found[1] or "").strip(), found[2].strip()
         if text.endswith(("]", ">")):
             return name, spelled_unit(unit) or unit
