@@ -95,15 +95,17 @@ class CustomerPage:
 
     def figure(self) -> Figure:
         """The page as a figure of the size of a sheet."""
-        from unmodeled.style import GRAY, INK, new_figure
+        from unmodeled.style import GRAY, INK, new_figure, plain_text
 
         figure = new_figure(*PAPER)
         figure.set_layout_engine("none")
         top = 0.955
         if self.workshop:
-            figure.text(0.08, top, self.workshop, size=10, color=GRAY, va="top")
+            workshop = plain_text(self.workshop)
+            figure.text(0.08, top, workshop, size=10, color=GRAY, va="top")
             top -= 0.028
-        figure.text(0.08, top, self.title, size=17, weight="bold", color=INK, va="top")
+        title = plain_text(self.title)
+        figure.text(0.08, top, title, size=17, weight="bold", color=INK, va="top")
         lines = _folded(self.sentences, 84)
         figure.text(0.08, top - 0.045, lines, size=11, color=INK, va="top", linespacing=1.45)
         bottom = top - 0.06 - 0.0205 * (lines.count("\n") + 1)

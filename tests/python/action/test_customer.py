@@ -116,3 +116,11 @@ def test_page_of_a_key_with_twice_the_friction(tmp_path):
     assert done.exit_code == 0
     assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
     assert feltmb.load_action("steinway45").hash == page.after.hash
+
+
+def test_dollar_signs_are_no_mathematics(tmp_path):
+    page = customer_page(
+        result(tmp_path, KEY), "steinway45", title="From $x_{ to $y", workshop="A$$ & B$",
+        done=["Paid $5_ and $6^."],
+    )  # fmt: skip
+    assert page.write(tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")

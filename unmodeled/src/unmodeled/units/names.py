@@ -297,25 +297,9 @@ text_readers.append(si_value)
 
 #: SI units of quantities that have a usual form.
 _USUAL = (
-    *(
-        "1",
-        "m",
-        "kg",
-        "s",
-        "rad",
-        "1/s",
-        "Hz",
-        "N",
-        "Pa",
-        "J",
-        "m^2",
-        "m^3",
-        "m/s",
-        "m/s^2",
-        "rad/s",
-    ),
-    *("rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s", "kg/m^3"),
-    *("N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
+    *("1", "m", "kg", "s", "rad", "1/s", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2"),
+    *("rad/s", "rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s"),
+    *("kg/m^3", "N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
 )
 
 
