@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import pytest
-from feltmb.cli.screen import ProgressLine
 
 from unmodeled import Progress, diagnose
+from unmodeled.cli.screen import ProgressLine
 from unmodeled.search.progress import Meter
 
 from .conftest import spring_record
