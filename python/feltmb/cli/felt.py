@@ -184,7 +184,7 @@ def contact_command(
     test: Path = argument(FILE),
     zero: float | None = option(
         "Displacement (or thickness) at the first contact [m], such as 0.4mm; default: the "
-        "beginning of a power law through the toe of loading.",
+        "beginning of a smooth toe of loading.",
         Quantity("m"),
     ),
     thickness: float | None = option(

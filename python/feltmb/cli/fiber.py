@@ -19,6 +19,7 @@ from feltmb.cli.options import (
     FRACTION,
     NOT_NEGATIVE,
     POSITIVE,
+    Fields,
     FileName,
     Number,
     Quantity,
@@ -27,6 +28,7 @@ from feltmb.cli.options import (
     declare,
     fields_of,
     group,
+    is_given,
     option,
     pairs,
     positive,
@@ -262,36 +264,49 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 # --- simulation ----------------------------------------------------------------------------------
 
 
+BOX = fields_of(
+    "fiber.simulation:FiberBox",
+    n_fibers={"words": "--fibers", "type": count(1, 100_000)},
+    n_beads={"words": "--beads", "type": count(2, 10_000)},
+    d_f={"type": positive("m"), "default": "25 um"},
+    segment_length={
+        "words": "--segment",
+        "type": positive("m"),
+    },
+    v_f={"type": FRACTION},
+    crimp={"type": Quantity("rad", 0)},
+    friction={"type": NOT_NEGATIVE, "default": 0.35},
+    repulsion={"type": click.Choice(["hertz", "logarithmic"])},
+    E={
+        "words": "--e-modulus",
+        "type": positive("Pa"),
+        "default": "2.5 GPa",
+    },
+    drag={"type": POSITIVE},
+    seed={"type": count(0)},
+)
+CYCLE = fields_of(
+    "fiber.simulation:Cycle",
+    v_max={"type": FRACTION},
+    strain_per_step={"type": Number(0, 0.01, min_open=True, max_open=True)},
+    cycles={"type": count(1, 100_000)},
+)
+
+
+def _not_resumed(fields: Fields, asked: object, old: object) -> Iterator[str]:
+    """Options on the command line that differ from a run that is to go on."""
+    for f, _, name in fields.parts():
+        wanted, has = getattr(asked, f.name), getattr(old, f.name)
+        if is_given(name) and wanted != has:
+            word = name.replace("_", "-")
+            yield f"--{word}: {wanted} does not belong to the run, which has {has}"
+
+
 @declare("simulate", fiber, "Compress and release a box of single fibers.")
 def simulate_command(
     output: Path = argument(FILE),
-    box: FiberBox = fields_of(
-        "fiber.simulation:FiberBox",
-        n_fibers={"words": "--fibers", "type": count(1, 100_000)},
-        n_beads={"words": "--beads", "type": count(2, 10_000)},
-        d_f={"type": positive("m"), "default": "25 um"},
-        segment_length={
-            "words": "--segment",
-            "type": positive("m"),
-        },
-        v_f={"type": FRACTION},
-        crimp={"type": Quantity("rad", 0)},
-        friction={"type": NOT_NEGATIVE, "default": 0.35},
-        repulsion={"type": click.Choice(["hertz", "logarithmic"])},
-        E={
-            "words": "--e-modulus",
-            "type": positive("Pa"),
-            "default": "2.5 GPa",
-        },
-        drag={"type": POSITIVE},
-        seed={"type": count(0)},
-    ),
-    cycle: Cycle = fields_of(
-        "fiber.simulation:Cycle",
-        v_max={"type": FRACTION},
-        strain_per_step={"type": Number(0, 0.01, min_open=True, max_open=True)},
-        cycles={"type": count(1, 100_000)},
-    ),
+    box: FiberBox = BOX,
+    cycle: Cycle = CYCLE,
     threads: int = option("Number of threads; 0: all cores.", count(0, 1024), 0),
     resume: bool = option("Continue the unfinished run OUTPUT."),
     samples: int | None = option(
@@ -312,6 +327,11 @@ def simulate_command(
         raise InvalidParameter(f'{output}: suffix is "{output.suffix}", expected .npz')
     check_targets(None if resume else output, pictures=(plot,), force=force)
     old = FiberRun.load(output) if resume else None
+    if old is not None:
+        faults = [*_not_resumed(BOX, box, old.box), *_not_resumed(CYCLE, cycle, old.cycle)]
+        if faults:
+            text = "\n".join(faults)
+            raise InvalidParameter(f"{output}: --resume goes on with the run as it is:\n{text}")
     cycle = replace(cycle, sample_every=max(1, round(0.01 / cycle.strain_per_step)))
     with Progress(console=console(stderr=True), transient=True) as bar:
         task = bar.add_task("compressing", total=1.0)

@@ -24,6 +24,7 @@ from feltmb.cli.options import (
     count,
     declare,
     fields_of,
+    is_given,
     option,
     pairs,
     parse_option,
@@ -220,7 +221,7 @@ def command(
     from feltmb.run.simulate import initial_values, simulate
     from feltmb.run.stroke import load_stroke
 
-    if options.error is not None and _is_given("rtol"):
+    if options.error is not None and is_given("rtol"):
         raise click.UsageError("--error chooses the tolerance: give --rtol or --error, not both")
     if start is not None and initial:
         raise click.UsageError("--start and --initial both give the start state")
@@ -272,7 +273,7 @@ def _jobs(
     made = []
     for stroke, stem, file in zip(strokes, stems, target.of(stems), strict=True):
         own = options
-        if not _is_given("output_rate"):
+        if not is_given("output_rate"):
             rate = target.output_rate(options.duration or stroke.duration)
             own = replace(options, output_rate=rate)
         made.append(Job(stroke, stem, file, own, _inputs(action, stroke, own, *begin)))
@@ -282,11 +283,6 @@ def _jobs(
         for path in job.files(target) if job.kept is None else []:
             check_writable(path, force=target.force)
     return made
-
-
-def _is_given(name: str) -> bool:
-    source = click.get_current_context().get_parameter_source(name)
-    return source is click.core.ParameterSource.COMMANDLINE
 
 
 class Results:

@@ -53,8 +53,8 @@ class LoopUncertainty:
     loss: float
     """Standard uncertainty of the lost share of the loading work [1]."""
     zero: float
-    """Standard uncertainty of the first contact [m], by a power law of the toe; 0 if it is given.
-    Those of the forces are at the same displacement and do not contain it."""
+    """Standard uncertainty of the first contact [m], whatever its toe; 0 if it is given. Those of
+    the forces are at the same displacement and do not contain it."""
     cycles: int
     """Number of complete cycles."""
     kappa: float = math.nan

@@ -72,7 +72,8 @@ class MeasuredLoop:
     cycles: tuple[CycleLoss, ...] = ()
     """Loss of each cycle; the loop is the one with the number ``branches.chosen``."""
     zero_interval: tuple[float, float] | None = None
-    """Interval of 95 % of the first contact, by a power law of the toe [m]; None: it is given."""
+    """Interval of 95 % of the first contact, whatever the shape of the toe [m]; None: it is
+    given."""
     by_thickness: bool = False
     """Whether the displacement is minus a thickness."""
 
@@ -226,8 +227,8 @@ def measured_loop(
     force
         Force [N], compression positive, (n,).
     zero
-        Displacement at the first contact [m]; default: the beginning of a power law of the toe of
-        the first loading (of ``cycle``, if it is given).
+        Displacement at the first contact [m]; default: the beginning of a smooth toe of the first
+        loading (of ``cycle``, if it is given).
     cycle
         Number of the cycle that is the loop, from 1; default: the first complete one.
     points

@@ -114,6 +114,7 @@ def monotone_curve(e: Array, force: Array, end: float) -> MonotoneCurve:
     low = low if low > LOWEST * end else 0.0
     count = int(np.clip(e.size, 4, INTERVALS))
     knots = low + (end - low) * np.linspace(0.0, 1.0, count + 1) ** 1.5
+    knots[-1] = end  # a sample at the end is not beyond it by rounding
     padded = _padded(knots)
     middle = 0.5 * (knots[1:] + knots[:-1])
     unit = np.eye(count + 3)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,12 +21,18 @@ SURE, OFFSET = 3.0, 2e-4
 OUTLIERS = 5
 #: Largest stiffness of a free approach, as a share of the mean stiffness of loading.
 FREE = 0.2
-#: Shares of the range of the force below which the toe of a loading may be a power law.
-TOES = 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0
-#: Exponents of the toe, and levels of confidence of its beginning.
-EXPONENTS, LEVEL, WIDE = (1.0, 6.0), 0.95, 0.99
+#: Share of the range of the force that belongs to the toe of a loading.
+TOE = 0.5
+#: Powers of the terms of a toe, and shares of its compression at which others change their power.
+POWERS, BENDS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0), (0.02, 1.0, 10)
+#: Largest rate of the exponential of a smooth toe, over its compression.
+STEEPEST = 20.0
+#: Confidence of the interval of a zero, number of zeros tried, samples behind the last one.
+LEVEL, PLACES, LAST = 0.95, 61, 3
+#: Least standard deviation of the samples, as a share of the range of the force.
+FLOOR = 2e-4
 #: Most samples of a toe; of more, means of neighbors are taken.
-MOST = 1000
+MOST = 400
 
 
 def scatter_of(force: Array) -> float:
@@ -53,13 +58,11 @@ class FirstContact:
     """Upper end."""
     level: float
     """Force of the approach; 0 if it is within its error, or if there is no approach."""
-    exponent: float = math.nan
-    """Exponent of the toe [1]; NaN if there is no model of it."""
 
     @property
     def sd(self) -> float:
         """Standard uncertainty of the zero."""
-        return (self.high - self.low) / 3.92
+        return max(self.high - self.zero, self.zero - self.low) / 1.96
 
 
 def free_approach(x: Array, force: Array, zero: float | None = None) -> FirstContact:
@@ -95,7 +98,7 @@ def free_approach(x: Array, force: Array, zero: float | None = None) -> FirstCon
         guess = float(x[before[-1]] if before.size else x[0])
         kept = np.abs(force - curve) <= max(5.0 * scatter, TOUCH[1] * float(np.ptp(curve)))
         approach = bool(level) or int(np.sum(x < guess)) >= LEAST
-        found = first_contact(x[kept], force[kept], float(x[0]), approach=approach)
+        found = first_contact(x[kept], force[kept], approach=approach)
         zero = guess if found is None else found.zero
         free = x < zero if approach else free
     error = max(SURE * scatter / np.sqrt(max(1, np.sum(free))), OFFSET * float(np.ptp(curve)))
@@ -104,13 +107,17 @@ def free_approach(x: Array, force: Array, zero: float | None = None) -> FirstCon
     return replace(found, level=level if abs(level) > error else 0.0)
 
 
-def first_contact(x: Array, force: Array, least: float, *, approach: bool) -> FirstContact | None:
-    """First contact by a model of the toe, ``force = b + K (x - zero)^p``; None without samples.
+def first_contact(x: Array, force: Array, *, approach: bool) -> FirstContact | None:
+    """First contact of a loading by two models of its toe; None without samples.
 
-    The interval is that of the profile likelihood, with the correlation of successive samples. Of
-    the parts of the loading up to several forces, the largest counts whose estimate is within wide
-    intervals of all smaller ones: no felt is a power law over its whole range. The interval
-    contains that of the next smaller part.
+    The interval rests on the samples and on one assumption: the force is a sum, with positive
+    weights, of terms that grow with a power of the compression between 1 and 6, or with the sixth
+    and further on with the first power. A surface of loose fibers on a stiffer felt, van Wyk's law,
+    exponential and power laws are such sums. The weights are those of the least squares at each
+    possible zero, and the interval is that of their profile likelihood. The estimate within it is
+    that of a smooth toe, ``force = b + K e^p exp(c e)`` with ``e = x - zero``. The
+    interval may begin before the first sample, where a test begins in contact; the estimate does
+    not.
 
     Parameters
     ----------
@@ -118,102 +125,98 @@ def first_contact(x: Array, force: Array, least: float, *, approach: bool) -> Fi
         Displacement of the samples, in ascending order, (n,).
     force
         Their force, (n,).
-    least
-        Smallest zero.
     approach
         Whether samples are before the contact: only then the force b is fitted.
     """
-    floor = 0.1 * TOUCH[1] * float(np.ptp(force))
-    top = np.maximum.accumulate(force)
-    found: list[tuple[FirstContact, FirstContact]] = []
-    for share in TOES:
-        end = int(np.searchsorted(top, force[0] + share * np.ptp(force), side="right"))
-        beyond = int(np.sum(force[:end] > force[0] + 0.1 * share * np.ptp(force)))
-        if beyond < LEAST and share < 1.0:
-            continue
-        toe = _toe(x[:end], force[:end], least, floor, approach)
-        if toe is None or any(not wide.low <= toe[0].zero <= wide.high for _, wide in found):
-            break
-        found.append(toe)
-    if not found:
-        return None
-    last = [part for part, _ in found[-2:]]
-    return replace(last[-1], low=min(p.low for p in last), high=max(p.high for p in last))
-
-
-def _toe(
-    x: Array, force: Array, least: float, floor: float, approach: bool
-) -> tuple[FirstContact, FirstContact] | None:
-    """First contact of one part of a loading, with its interval and a wide one.
-
-    ``floor``: least standard deviation of the samples.
-    """
-    from scipy.optimize import brentq, minimize_scalar
+    from scipy.optimize import brentq, nnls
     from scipy.stats import f as fisher
 
-    step = -(-x.size // MOST)
-    if step > 1:
-        cut = x.size // step * step
-        x, force = (v[:cut].reshape(-1, step).mean(axis=1) for v in (x, force))
+    floor = FLOOR * float(np.ptp(force))
+    x, force = _toe(x, force)
     n, span = x.size, float(x[-1] - x[0])
-    fitted = 4 if approach else 3
-    if n < fitted + 2 or not span > 0.0:
+    if n < LEAST or not span > 0.0:
         return None
 
-    other = force - force.mean() if approach else force
-
-    def rest(zero: float, exponent: float) -> Array:
-        basis = (np.maximum(x - zero, 0.0) / span) ** exponent
+    def fitted(zero: float) -> tuple[float, Array, Array]:
+        """Squares of what is left, what is left, and the weights."""
+        terms = _terms(x - zero)
         if approach:
-            basis -= basis.mean()
-        return np.asarray(other - basis * max(float(basis @ other) / float(basis @ basis), 0.0))
+            terms = np.column_stack([terms, np.ones(n), -np.ones(n)])
+        terms /= np.linalg.norm(terms, axis=0)
+        weights, left = nnls(terms, force)
+        return float(left) ** 2, force - terms @ weights, weights
 
-    def cost_of(zero: float, exponent: float) -> float:
-        left = rest(zero, exponent)
-        return float(left @ left)
+    grid = np.linspace(float(x[0]) - span, float(x[-LAST]), PLACES)
+    fits = [fitted(zero) for zero in grid]
+    costs = np.array([cost for cost, *_ in fits])
+    cost, left, weights = fits[int(np.argmin(costs))]
+    free = max(n - 1 - int(np.sum(weights > 0.0)), 1)
+    follow = float(np.clip(left[1:] @ left[:-1] / max(cost, 1e-300), 0.0, 0.9))
+    variance = max(cost / free, floor**2) * (1.0 + follow) / (1.0 - follow)
+    # With the zero, the shape of the toe moves too.
+    limit = cost + 2.0 * variance * float(fisher.ppf(LEVEL, 2, free))
+    within = np.flatnonzero(costs <= limit)
 
-    def squares(zero: float) -> tuple[float, float]:
-        at = minimize_scalar(
-            lambda p: cost_of(zero, p), bounds=EXPONENTS, method="bounded",
-            options={"xatol": 1e-3},
-        )  # fmt: skip
-        return float(at.fun), float(at.x)
+    def end(inner: int, outer: int) -> float:
+        if not 0 <= outer < grid.size:
+            return float(grid[inner])
+        pair = grid[inner], grid[outer]
+        return float(brentq(lambda z: fitted(z)[0] - limit, *pair, xtol=1e-4 * span))
 
-    last = float(x[-LEAST // 2])
-    grid = np.linspace(least, last, 41)[:-1]
-    costs = [squares(z)[0] for z in grid]
-    best = int(np.argmin(costs))
-    ends = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
-    at = minimize_scalar(
-        lambda z: squares(z)[0], bounds=ends, method="bounded", options={"xatol": 1e-5 * span}
-    )
-    zero, cost = (
-        (float(at.x), float(at.fun)) if at.fun <= costs[best] else (grid[best], costs[best])
-    )
-    exponent = squares(zero)[1]
-    left = rest(zero, exponent)
-    follow = float(np.clip(left[1:] @ left[:-1] / max(float(left @ left), 1e-300), 0.0, 0.9))
-    variance = max(cost / (n - fitted), floor**2) * (1.0 + follow) / (1.0 - follow)
-    places, levels = np.append(grid, zero), np.append(costs, cost)
-    order = np.argsort(places, kind="stable")
-    places, levels = places[order], levels[order]
-    made = []
-    for confidence in (LEVEL, WIDE):
-        limit = cost + variance * float(fisher.ppf(confidence, 1, n - fitted))
-        within = np.flatnonzero(levels <= limit)
-        sides: list[float] = []
-        for inner, outer in ((within[0], within[0] - 1), (within[-1], within[-1] + 1)):
-            if not 0 <= outer < places.size:
-                sides.append(float(places[inner]))
-                continue
-            sides.append(
-                float(
-                    brentq(
-                        lambda z, limit=limit: squares(z)[0] - limit,
-                        *(places[inner], places[outer]),
-                        xtol=1e-4 * span,
-                    )
-                )
-            )
-        made.append(FirstContact(zero, min(*sides, zero), max(*sides, zero), 0.0, exponent))
-    return made[0], made[1]
+    low, high = end(within[0], within[0] - 1), end(within[-1], within[-1] + 1)
+    first = float(x[0])
+    zero = _smooth_zero(x, force, (max(low, first), high), approach) if high > first else first
+    return FirstContact(zero, low, max(high, first), 0.0)
+
+
+def _toe(x: Array, force: Array) -> tuple[Array, Array]:
+    """Loading up to a share of its force; of many samples, the means of neighbors."""
+    rise = np.maximum.accumulate(force) - force[0]
+    end = int(np.searchsorted(rise, TOE * np.ptp(force), side="right"))
+    beyond = np.flatnonzero(rise > 0.1 * TOE * np.ptp(force))
+    if beyond.size:
+        end = max(end, int(beyond[min(LEAST, beyond.size) - 1]) + 1)
+    x, force = x[:end], force[:end]
+    step = -(-x.size // MOST)
+    cut = x.size // step * step
+    x, force = (v[:cut].reshape(-1, step).mean(axis=1) for v in (x, force))
+    return x, force
+
+
+def _terms(e: Array) -> Array:
+    """Forces at compressions, each a term of a toe (n, terms)."""
+    e = np.maximum(e, 0.0)
+    share = e[:, None] / max(float(np.max(e)), 1e-300)
+    bent = np.maximum(share / np.geomspace(*BENDS), 1e-12)
+    low, high = POWERS[0], POWERS[-1]
+    return np.hstack([share ** np.array(POWERS), 1.0 / (bent**-low + bent**-high)])
+
+
+def _smooth_zero(x: Array, force: Array, ends: tuple[float, float], approach: bool) -> float:
+    """Zero of ``b + K e^p exp(c e)`` with the least squares."""
+    from scipy.optimize import least_squares
+
+    span = float(x[-1] - x[0])
+    given = force - force.mean() if approach else force
+
+    def rest(p: Array) -> Array:
+        e = np.maximum(x - p[0], 0.0) / span
+        shape = e ** p[1] * np.exp(p[2] * e)
+        if approach:
+            shape = shape - shape.mean()
+        factor = max(float(shape @ given) / max(float(shape @ shape), 1e-300), 0.0)
+        return np.asarray(given - factor * shape)
+
+    room = 1e-9 * span
+    low, high = ends[0] - room, ends[1] + room
+    fits = [
+        least_squares(
+            rest,
+            [ends[0] + share * (ends[1] - ends[0]), 2.0, 0.5],
+            bounds=([low, POWERS[0], 0.0], [high, POWERS[-1], STEEPEST]),
+            x_scale=[0.1 * span, 1.0, 1.0],
+        )
+        for share in (0.3, 0.7)
+    ]
+    best = min(fits, key=lambda fit: float(fit.cost))
+    return float(np.clip(best.x[0], *ends))

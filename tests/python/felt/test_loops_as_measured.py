@@ -1,5 +1,8 @@
 """Loops as testing machines write them: coarse, with slack, several cycles and specimens."""
 
+import importlib.util
+from pathlib import Path
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -12,6 +15,11 @@ from unmodeled.data import ReadOptions, read_record
 from unmodeled.errors import DataError
 
 TOP = 1.2
+
+BENCH = Path(__file__).resolve().parents[3] / "bench" / "felt_first_contact.py"
+SPEC = importlib.util.spec_from_file_location("felt_first_contact", BENCH)
+FIRST_CONTACT = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(FIRST_CONTACT)
 
 
 def coarse(power, n, noise=0.0, seed=1):
@@ -79,22 +87,35 @@ def toe(power, seed, n=400):
     return 1e-3 * np.round(x + 0.35, 4), np.round(force, 3)
 
 
-def covered(power, seeds):
-    found = [free_approach(*toe(power, seed)) for seed in range(seeds)]
-    # Wide where two parts of a loading differ by chance, once in some hundred seeds.
-    assert np.median([f.high - f.low for f in found]) < 1e-4
-    return np.mean([f.low <= 0.35e-3 <= f.high for f in found])
+@pytest.mark.parametrize(("power", "error", "most"), [(1.5, 5e-6, 2e-4), (3.5, 8e-5, 8e-4)])
+def test_the_first_contact_is_the_beginning_of_a_smooth_toe(power, error, most):
+    found = [free_approach(*toe(power, seed)) for seed in range(4)]
+    assert np.mean([f.low <= 0.35e-3 <= f.high for f in found]) > 0.7
+    assert np.sqrt(np.mean([(f.zero - 0.35e-3) ** 2 for f in found])) < error
+    # Wider than that of a power law: a layer of loose fibers may begin earlier.
+    assert np.median([f.high - f.low for f in found]) < most
 
 
-@pytest.mark.parametrize("power", [1.5, 3.5])
-def test_the_first_contact_is_the_beginning_of_a_power_law(power):
-    assert covered(power, 5) >= 0.8
+@pytest.mark.parametrize(("name", "samples"), [("nap on bulk", 12), ("eq. 4.21, contact 01", 60)])
+def test_the_interval_of_the_first_contact_holds_for_toes_that_are_no_power(name, samples):
+    """A power law missed them in all seeds."""
+    assert FIRST_CONTACT.coverage(name, samples, range(10))[0] >= 0.9
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("power", [1.5, 2.0, 2.5, 3.0, 3.5])
-def test_the_interval_of_the_first_contact_covers_in_90_of_100_seeds(power):
-    assert covered(power, 100) >= 0.9
+@pytest.mark.parametrize("samples", [12, 20, 60, 200])
+@pytest.mark.parametrize("name", [*FIRST_CONTACT.TOES])
+def test_the_interval_of_the_first_contact_covers_in_90_of_100_seeds(name, samples):
+    assert FIRST_CONTACT.coverage(name, samples, range(100))[0] >= 0.9
+
+
+def test_a_loop_of_few_samples_has_the_interval_of_its_toe():
+    """0 of 10 intervals had the first contact of this loop of eq. 4.21."""
+    e = np.linspace(-0.35e-3, 1e-3, 12)
+    force = FIRST_CONTACT.TOES["eq. 4.21, contact 01"][0](np.maximum(e, 0.0))
+    x, force = np.r_[e, e[-2::-1]] + 0.35e-3, np.r_[force, (force * (e / 1e-3) ** 2)[-2::-1]]
+    low, high = measured_loop(x, force).zero_interval
+    assert low <= 0.35e-3 <= high
 
 
 def softening(over):

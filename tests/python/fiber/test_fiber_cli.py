@@ -112,8 +112,11 @@ def test_simulate_and_resume(tmp_path):
     text = run("simulate", out, *given, "--samples", 3)
     assert "unfinished" in text
     assert "exists already" in run("simulate", out, *given, code=2)
+    text = run("simulate", out, "--resume", "--fibers", 30, "--v-max", 0.05, code=2)
+    assert "--fibers: 30 does not belong to the run, which has 24" in text
+    assert "--v-max: 0.05 does not belong to the run, which has 0.036" in text
     # So fast and so loose a box shows drag and inertia only: it is computed whole, and has failed.
-    text = run("simulate", out, "--resume", "--plot", tmp_path / "run.png", code=1)
+    text = run("simulate", out, "--resume", "--fibers", 24, "--plot", tmp_path / "run.png", code=1)
     assert "loop loss" in text
     assert "release takes work too" in text
     run("simulate", whole, *given, code=1)

@@ -47,6 +47,7 @@ __all__ = [
     "declare",
     "fields_of",
     "group",
+    "is_given",
     "option",
     "pairs",
     "parse_option",
@@ -403,6 +404,12 @@ class Fields:
             if value is not None or isinstance(f.default, Given):
                 values[f.name] = value
         return self.target(**values)
+
+
+def is_given(name: str) -> bool:
+    """Whether the option with this name of its value is on the command line."""
+    source = click.get_current_context().get_parameter_source(name)
+    return source is click.core.ParameterSource.COMMANDLINE
 
 
 def fields_of(place: str, *names: str, **changes: Mapping[str, Any]) -> Any:
