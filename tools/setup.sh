@@ -107,9 +107,9 @@ find_compiler() {
   local candidate
   for candidate in "${CXX:-}" g++ g++-14 g++-13 g++-12; do
     [ -n "$candidate" ] || continue
-    # GCC 11 and older, and Clang before 15, miss parts of C++20 that feltmb uses.
+    # GCC 11 and older, and Clang before 14, miss parts of C++20 that feltmb uses.
     # shellcheck disable=SC2086  # CXX may hold options
-    if printf '%s\n' '#include <concepts>' '#if defined(__clang__) ? __clang_major__ < 15 : __GNUC__ < 12' \
+    if printf '%s\n' '#include <concepts>' '#if defined(__clang__) ? __clang_major__ < 14 : __GNUC__ < 12' \
       '#error too old' '#endif' | $candidate -std=c++20 -x c++ -fsyntax-only - >/dev/null 2>&1; then
       export CXX=$candidate
       return 0
