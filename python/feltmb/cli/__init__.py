@@ -119,13 +119,14 @@ def main(
 ) -> None:
     """Run the command line, or another command; no traceback is shown for invalid input."""
     one_thread_from_the_start()
-    from feltmb.cli.screen import complain
-
-    for word in arguments or ():  # impossible in a shell, but possible in a call from Python
-        if "\0" in word:
-            complain(f"argument {word[:60]!r}: holds a null character, expected none")
-            sys.exit(2)
     try:
+        from feltmb.cli.screen import complain
+
+        for word in arguments or ():  # impossible in a shell, but possible in a call from Python
+            if "\0" in word:
+                raise click.UsageError(
+                    f"argument {word[:60]!r}: holds a null character, expected none"
+                )
         with warnings.catch_warnings():
             warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
             code = command.main(arguments, prog_name=name, standalone_mode=False)
