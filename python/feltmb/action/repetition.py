@@ -7,10 +7,11 @@ height to which the key may return. ``docs/howto/test_repetition.md`` defines ea
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import threading
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch.static import REGULATE, roles_of
@@ -229,21 +230,35 @@ def _stroke(
 
 
 def _run(
-    action: Action, rate: float, speed: float, key_return: float, travel: float, presses: int
+    action: Action,
+    rate: float,
+    speed: float,
+    key_return: float,
+    travel: float,
+    presses: int,
+    progress: Callable[[float], object] | None = None,
 ) -> Run | None:
     from feltmb.run.simulate import simulate
 
     stroke = _stroke(rate, speed, key_return, travel, presses)
-    return None if stroke is None else simulate(action, stroke, ledger=False, output_rate=2000.0)
+    if stroke is None:
+        return None
+    return simulate(action, stroke, ledger=False, output_rate=2000.0, progress=progress)
 
 
 def _try(
-    action: Action, rate: float, speed: float, key_return: float, travel: float, presses: int
+    action: Action,
+    rate: float,
+    speed: float,
+    key_return: float,
+    travel: float,
+    presses: int,
+    progress: Callable[[float], object] | None,
 ) -> _Presses:
     """Simulate presses at a rate, and find the first one that fails."""
     import numpy as np
 
-    run = _run(action, rate, speed, key_return, travel, presses)
+    run = _run(action, rate, speed, key_return, travel, presses, progress)
     if run is None:
         return _Presses((), 0, "finger")
     strikes = run.strikes
@@ -290,6 +305,7 @@ def highest_rate(
     presses: int = PRESSES,
     highest: float = HIGHEST,
     near: float | None = None,
+    progress: Callable[[float], object] | None = None,
 ) -> Repeated:
     """Search upward in steps until a press fails, and bisect to a quarter of a press a second.
 
@@ -307,13 +323,15 @@ def highest_rate(
         Rate at which the search ends [1/s].
     near
         Expected answer [1/s], from which the search starts; default: from 2 presses a second.
+    progress
+        As for :func:`~feltmb.simulate`: if it returns False, the search is interrupted.
     """
     good, bad = 0.0, math.nan
     best, worst = _Presses(()), _Presses(())
     step = STEP if near is None else 0.5 * STEP
     rate = LOWEST if near is None else min(max(near, LOWEST), highest)
     while True:
-        found = _try(action, rate, speed, key_return, travel, presses)
+        found = _try(action, rate, speed, key_return, travel, presses, progress)
         if found.reason:
             bad, worst = rate, found
         else:
@@ -380,10 +398,16 @@ def repeat(
         raise InvalidParameter(f"repeat: highest = {highest:g} 1/s, expected {LOWEST:g} to 50 1/s")
     travel = key_travel(action)
     jobs = [(v, r) for v in sorted(speeds) for r in sorted(returns, reverse=True)]
+    stop = threading.Event()
+    find = partial(
+        highest_rate, presses=presses, highest=highest, progress=lambda _: not stop.is_set()
+    )
     with ThreadPoolExecutor() as pool:
-        found = [
-            pool.submit(highest_rate, action, travel, v, r, presses=presses, highest=highest)
-            for v, r in jobs
-        ]
-        rows = tuple(future.result() for future in found)
+        found = [pool.submit(find, action, travel, v, r) for v, r in jobs]
+        try:
+            rows = tuple(future.result() for future in found)
+        except BaseException:  # the threads do not hear of Ctrl-C
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     return Repetition(action, rows, travel, presses)

@@ -1,6 +1,7 @@
 """Repetition of an action: rates, and the reason of the first failure."""
 
 import json
+import time
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from click.testing import CliRunner
 
 import feltmb
 from feltmb import Error, InvalidParameter
+from feltmb.action import repetition
 from feltmb.action.repetition import highest_rate, key_travel
 from feltmb.cli.technician import repeat as command
 
@@ -54,6 +56,28 @@ def test_a_slow_finger_is_the_limit(action, travel):
 def test_wrong_numbers_are_refused(action, wrong):
     with pytest.raises(InvalidParameter):
         feltmb.repeat(action, **wrong)
+
+
+def test_ctrl_c_ends_the_searches_in_all_threads(action, monkeypatch):
+    """They do not hear of it: each ran to its end, for up to half a minute."""
+    monkeypatch.setattr(repetition, "key_travel", lambda _: 0.01)
+    heard = []
+
+    def search(_action, _travel, speed, _key_return, *, progress, **_):
+        if speed == 0.1:
+            raise KeyboardInterrupt
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end and progress(0.0):
+            time.sleep(0.01)
+        heard.append(time.monotonic() < end)
+
+    monkeypatch.setattr(repetition, "highest_rate", search)
+    with pytest.raises(KeyboardInterrupt):
+        feltmb.repeat(action, speeds=[0.1, 0.5], returns=[1.0])
+    assert heard in ([], [True])
+    monkeypatch.undo()
+    with pytest.raises(KeyboardInterrupt):
+        highest_rate(action, 0.01, progress=lambda _: False)
 
 
 def test_a_key_that_does_not_reach_its_punching_is_told(action):

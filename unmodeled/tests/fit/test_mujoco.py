@@ -106,7 +106,7 @@ def made(*, inputs, outputs=("j2",)):
 def test_an_actuator_without_a_name_has_that_of_its_joint(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
-    model = unmodeled.mujoco(path, parameters={"j1.gain": (None, 1.0)}, unknown={})
+    model = unmodeled.mujoco(path, parameters={"j1.kp": (None, 1.0)}, unknown={})
     ready = model.matched([made(inputs=["j1", "turn"])])
     assert set(ready.model.inputs) == {"j1", "turn"}
     assert "no column is its actuator slow, which keeps its start value" in ready.notes
