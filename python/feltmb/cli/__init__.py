@@ -25,7 +25,7 @@ COMMANDS = {
     "touch": ("technician:touch", "Static and dynamic touch: weights, let-off, timing."),
     "repeat": (
         "technician:repeat",
-        "Repetition: highest rate at which every press strikes, and why.",
+        "Repetition: highest rate up to which every press is a note, and why.",
     ),
     "wear": (
         "technician:wear",
