@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.action.regulate import Targets, default_targets
 from feltmb.action.regulate.screws import Screws
-from feltmb.action.repetition import highest_rate, key_travel
+from feltmb.action.repetition import highest_rate, key_travel, with_finger
 from feltmb.action.touch import distances, static_touch
 from feltmb.adapters import Entry, action_with_effects, load_library
 from feltmb.mechanism import Action, MechanismFile, load_action
@@ -56,14 +56,15 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
 #: The numbers of the table and picture of :func:`wear`.
 WEAR_NUMBERS = tuple(NUMBERS)[:6]
 
-#: Finger speeds of soft, held presses [m/s]; time that they are held [s].
-SOFT, HELD = tuple(0.01 * k for k in range(6, 21, 2)), 0.3
+#: Largest forces of the finger in soft, held presses [N]; time in which they rise, and of all [s].
+SOFT, RISEN, HELD = (0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0), 0.03, 0.5
 #: Strokes of the strike and of the release, and the begin of the release [s].
 STRIKE, RELEASE, RELEASED = "piano", "press_release", 0.45
 #: Part of the range of a screw in the targets by which it is turned.
 TURN = 0.1
 
 THINNER, HARDER, FRICTION, SPRING, SCREW = "thinner", "harder", "friction", "spring", "screw"
+TIGHT, MISSING = "tight", "missing"
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,7 @@ class Variant:
     """One changed part."""
 
     part: str  #: as its label in the mechanism file
-    kind: str  #: thinner, harder, friction, spring or screw
+    kind: str  #: thinner, harder, friction, spring, tight, missing or screw
     change: str  #: as text: "0.2 mm thinner"
     amount: float  #: of the change, in SI units or as a share
     remedy: str  #: what to do about it
@@ -84,20 +85,18 @@ class Variant:
 
 
 @checked
-def measure(action: Action, near: float | None = None) -> dict[str, float]:
+def measure(action: Action) -> dict[str, float]:
     """Numbers of :data:`NUMBERS` in their units; NaN: it does not exist in this mechanism.
 
     Parameters
     ----------
     action
         Mechanism that names the contacts that :func:`feltmb.touch` needs.
-    near
-        Expected rate of repetition [1/s], which saves simulations.
     """
     found = dict.fromkeys(NUMBERS, math.nan)
 
     def _repetition(action: Action) -> dict[str, float]:
-        return {"repetition": highest_rate(action, key_travel(action), near=near).rate}
+        return {"repetition": highest_rate(action, key_travel(action)).rate}
 
     for part in (_static, _strike, _soft, _release, _repetition):
         try:
@@ -135,15 +134,12 @@ def _soft(action: Action) -> dict[str, float]:
     import numpy as np
 
     from feltmb.run.simulate import simulate
-    from feltmb.run.stroke import motion_stroke
+    from feltmb.run.stroke import table_stroke
 
-    reading = action.config.reading
-    travel, strikes, times = key_travel(action), [], []
-    for speed in SOFT:
-        end = 0.02 + (travel + 1e-3) / speed
-        stroke = motion_stroke([0.02, end], [0.0, travel + 1e-3], interpolation="linear",
-                               duration=end + HELD)  # fmt: skip
-        run = simulate(action, stroke, ledger=False, output_rate=2000.0)
+    reading, played, strikes, times = action.config.reading, with_finger(action), [], []
+    for force in SOFT:
+        stroke = table_stroke([0.0, RISEN], [0.0, force], interpolation="linear", duration=HELD)
+        run = simulate(played, stroke, ledger=False, output_rate=2000.0)
         hit = run.summary.get("impact_time")
         if hit is None:
             continue
@@ -199,7 +195,7 @@ def _felts(config: MechanismFile) -> list[list[str]]:
 def variants(
     action: Action, *, screws: bool = False, targets: Targets | None = None
 ) -> Iterator[tuple[Variant, Action | None]]:
-    """Each felt, friction and spring changed alone, and the screws of the targets if wanted.
+    """Each felt, friction, spring, bushing and strap changed alone, and the screws if wanted.
 
     None instead of a mechanism: it cannot be changed in this way, as a radius below zero.
     """
@@ -236,6 +232,16 @@ def variants(
     for name, spring in config.springs.items():
         part = spring.label or name.replace("_", " ")
         yield from made(part, SPRING, "20 % weaker", -0.2, [f"spring_rate.{name}"], -0.2)
+    for key, bushing in config.bushings.items():
+        path, more = f"bushings.{key}.tightness", bushing.swollen
+        remedy = "Ease the bushing or the hole, and polish the pin."
+        variant = Variant(bushing.label or key, TIGHT, f"{more:g} N tighter", more, remedy, "N")
+        yield variant, action.with_values({path: f"{bushing.tightness + more} N"})
+    for key, strap in config.straps.items():
+        if strap.enabled:
+            part = strap.label.partition(",")[0] or key.replace("_", " ")
+            variant = Variant(part, MISSING, "missing", 1.0, "Renew it.")
+            yield variant, action.with_values({f"straps.{key}.enabled": False})
     if screws:
         yield from _screws(action, targets)
 
@@ -416,7 +422,7 @@ def wear(
     """Change each felt, friction and spring alone, and measure what a technician reads.
 
     Each felt is 0.2 and 0.5 mm thinner, or 20 % harder; each friction is doubled; each spring is
-    20 % weaker.
+    20 % weaker; each bushing is swollen; each strap is missing.
 
     Parameters
     ----------
@@ -455,10 +461,7 @@ def wear(
         with ProgressBar(progress, 1 + len(found), "wear") as bar:
             base = measure(action)
             bar.step("as it is")
-            near = base["repetition"] if base["repetition"] > 0.0 else None
-            if near is not None:  # searched as that of the variants: a press may fail in between
-                base["repetition"] = highest_rate(action, key_travel(action), near=near).rate
-            futures = [None if a is None else pool.submit(measure, a, near) for _, a in found]
+            futures = [None if a is None else pool.submit(measure, a) for _, a in found]
             for (variant, _), future in zip(found, futures, strict=True):
                 none = dict.fromkeys(NUMBERS, math.nan)
                 rows.append((variant, none if future is None else future.result()))

@@ -18,7 +18,6 @@ from unmodeled.cli.options import (
     FolderName,
     Number,
     argument,
-    count,
     declare,
     option,
     pairs,
@@ -297,10 +296,10 @@ def strike_table(result: Touch) -> Any:
 @declare("repeat")
 def repeat(
     action: str = argument(complete=actions),
-    speeds: tuple[float, ...] = option(
-        "Speed of the pressing finger [m/s]; default: 0.15 (soft) and 0.5 (hard).",
-        positive("m/s"),
-        words="--speed",
+    forces: tuple[float, ...] = option(
+        "Largest force of the finger [N]; default: 4 (soft) and 10 (firm).",
+        positive("N"),
+        words="--finger",
     ),
     returns: tuple[float, ...] = option(
         "Share of the key travel that the key returns between presses, such as 50%; default: "
@@ -308,9 +307,8 @@ def repeat(
         Number(0, 1, min_open=True),
         words="--return",
     ),
-    presses: int = option("Presses in a run.", count(2, 50), 5),
     highest: float = option(
-        "Rate at which the search ends, presses per second.", Number(2, 50), 16.0
+        "Rate at which the test ends, presses per second.", Number(3, 30, min_open=True), 16.0
     ),
     image: Path | None = picture(
         "Draw the rates with their reasons, and the run with the first failure."
@@ -320,48 +318,51 @@ def repeat(
     *,
     as_json: bool,
 ) -> None:
-    """Find the highest rate at which every press of the key of ACTION strikes.
+    """Find the highest rate up to which every press of the key of ACTION is a note.
 
-    The table tells why the first press fails beyond this rate: the key is too slow, the hammer was
-    not caught, or the jack is not back under the hammer.
+    A finger with a mass and a limited force presses faster and faster. The table tells why the
+    first press fails: the key is too slow, the hammer has not come back, or the jack is not back
+    under the hammer. Ctrl-C ends the test with what was found until then.
     """
-    from feltmb.action.repetition import RETURNS, SPEEDS, repeat
+    from feltmb.action.repetition import FORCES, RETURNS, repeat
 
     check_targets(pictures=(image,), force=force)
     result = repeat(
         load_with_settings(action, settings),
-        speeds=speeds or SPEEDS,
+        forces=forces or FORCES,
         returns=returns or RETURNS,
-        presses=presses,
         highest=highest,
     )
     if as_json:
         print_json(result.as_dict())
     else:
         console().print(repetition_table(result))
+    if result.interrupted:
+        raise KeyboardInterrupt("the rows that say so are lower bounds")
     save_figure(image, result.plot, force=force)
 
 
 def repetition_table(result: Repetition) -> Any:
     """Highest rates with their reasons."""
+    from feltmb.action.repetition import AUDIBLE, BACK, MASS
+
     rows = [
         (
-            f"{row.speed:g}",
+            f"{row.force:g}",
             f"{1e3 * row.key_return * result.travel:.1f}",
             row.rate_text,
-            f"{row.impact_speed:.2f}",
-            "-" if math.isnan(row.weakest) else f"{row.weakest:.2f}",
+            *("-" if math.isnan(v) else f"{v:.2f}" for v in (row.impact_speed, row.weakest)),
             row.sentence,
         )
         for row in result.rows
     ]
     return table(
         f"repetition of {result.action.name}",
-        ">finger m/s | >key returns mm | >highest rate 1/s | >first strike m/s | "
+        ">finger N | >key returns mm | >highest rate 1/s | >first strike m/s | "
         ">weakest strike m/s | above this rate",
         rows,
-        f"{result.presses} presses; a press strikes if it reaches half the impact speed of the "
-        "first one",
+        f"finger of {1e3 * MASS:g} g; a press is a note if the hammer came back by "
+        f"{100.0 * BACK:.0f} % of its way and strikes with {AUDIBLE:g} m/s",
     )
 
 
@@ -389,7 +390,7 @@ def wear(
     """Change each part of ACTION alone, and measure the regulation, touch and repetition.
 
     Each felt is 0.2 and 0.5 mm thinner, or 20 % harder; each friction is doubled; each spring is
-    20 % weaker.
+    20 % weaker; each bushing is swollen; each strap is missing.
     """
     from feltmb.action.wearing import wear
 

@@ -212,7 +212,10 @@ class Action:
         if reading["rows"]:
             tables["rows"] = reading["rows"]
         del tables["screws"]  # names only
-        for table in ("motor", "dashpots", "leads"):
+        tables["bushings"] = {
+            key: b for key, b in tables["bushings"].items() if self.config.bushings[key].friction
+        }
+        for table in ("motor", "dashpots", "leads", "bushings"):
             if not tables[table]:
                 del tables[table]  # as before this entry existed: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:

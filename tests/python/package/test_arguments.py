@@ -473,10 +473,9 @@ CALLS = {
     },
     "feltmb.repeat": lambda: {
         "action": steinway(),
-        "speeds": (0.5,),
+        "forces": (10.0,),
         "returns": (1.0,),
-        "presses": 2,
-        "highest": 2.0,
+        "highest": 3.1,
     },
     "feltmb.sequence": lambda: {"strokes": (stroke(), stroke()), "period": None, "name": "twice"},
     "feltmb.RunOptions": lambda: {
