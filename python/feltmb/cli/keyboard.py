@@ -303,8 +303,8 @@ def score_of(
     """Compare the strikes that ALGORITHM finds with the true ones, by level from ppp to fff.
 
     ALGORITHM is largest_derivative, model_based, a Python function (FILE.py:FUNCTION) of the
-    samples and the setup, or a program that is called with a CSV file of samples and a JSON file of the
-    setup and prints CSV with the columns time,speed.
+    samples and the setup, or a program that is called with a CSV file of samples and a JSON file of
+    the setup and prints CSV with the columns time,speed.
     """
     from feltmb.keyboard import labelled_strokes, load_algorithm, read_set, score
 

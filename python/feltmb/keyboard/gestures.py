@@ -29,7 +29,7 @@ KINDS = {"struck": 0.3, "pressed": 0.3, "staccato": 0.15, "repeated": 0.15, "hal
 #: Displacement of the finger in a press: time to this power.
 POWERS = {"struck": 1.0, "pressed": 2.0}
 #: Finger speeds at the key bottom, of which the table of an inversion is made [m/s].
-SPEEDS = tuple(np.geomspace(0.05, 1.6, 26).tolist())
+SPEEDS = tuple(np.geomspace(0.05, 1.6, 18).tolist())
 START, AFTER = 0.02, 0.12  # s, before the first press and after the last release
 #: The finger goes this much below the rest of the key [m]; its pad and the punching yield.
 DEPTH = 0.0115
@@ -116,6 +116,11 @@ def run_all(
     simulate_many(((action, s) for s in strokes), given, jobs=jobs, output_rate=RATE)
 
 
+Tables = Mapping[float, tuple[tuple[float, ...], tuple[float, ...]]]
+#: Tables of the actions of this process, by their hash: they take seconds.
+_TABLES: dict[str, Tables] = {}
+
+
 @dataclass(frozen=True, eq=False)
 class Inversion:
     """Hammer speeds of simulated strokes of an action, and the finger speeds for them."""
@@ -123,8 +128,13 @@ class Inversion:
     action: Action
 
     @cached_property
-    def tables(self) -> Mapping[float, tuple[tuple[float, ...], tuple[float, ...]]]:
+    def tables(self) -> Tables:
         """Power of a press -> hammer speeds, increasing, and finger speeds [m/s]."""
+        if self.action.hash not in _TABLES:
+            _TABLES[self.action.hash] = self._simulated()
+        return _TABLES[self.action.hash]
+
+    def _simulated(self) -> Tables:
         plan = [(power, speed) for power in POWERS.values() for speed in SPEEDS]
         found: dict[float, list[tuple[float, float]]] = {p: [] for p in POWERS.values()}
 

@@ -43,6 +43,8 @@ FAINTEST = LEVELS["ppp"]
 #: A found strike belongs to the true one that is at most this far away [s].
 TOGETHER = 0.02
 PACKAGED = ("largest_derivative", "model_based")
+#: An algorithm that fails in the first records is not called again.
+GIVE_UP = 10
 PROGRAM_TIME = 60.0  # s, limit of a program for one record
 
 
@@ -267,6 +269,8 @@ def score(algorithm: Algorithm, records: Iterable[Any], setup: Any, *, name: str
         except Exception as error:
             failures.append(f"record {count}: {_told(error)}")
             found = []
+            if len(failures) == count == GIVE_UP:
+                break
         truth = record.truth
         near = sorted(
             (abs(at - time), i, k)
@@ -293,7 +297,7 @@ def score(algorithm: Algorithm, records: Iterable[Any], setup: Any, *, name: str
     if not count:
         raise InvalidParameter("score: got no record, expected at least one")
     if len(failures) == count:
-        raise Error(f"the algorithm failed in all {count} records; {failures[0]}")
+        raise Error(f"the algorithm failed in the first {count} records; {failures[0]}")
     heads = ["record", "kind", "level", "speed", "time", "speed_error", "time_error"]
     return Score(
         name or getattr(algorithm, "__name__", "algorithm"),
