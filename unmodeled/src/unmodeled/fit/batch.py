@@ -8,9 +8,11 @@ be traced runs as functions of Python.
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -112,6 +114,8 @@ class Traces:
     programs: dict[Kind, Program] = field(default_factory=dict)
     own: Traced | NotTraceable | None = None
     ports: dict[str, Traced] = field(default_factory=dict)
+    signals: WeakKeyDictionary[Record, dict[Any, Array]] = field(default_factory=WeakKeyDictionary)
+    """Signals of records between their samples, as long as the records exist."""
 
 
 # ------------------------------------------------------------------------------------- tracing
@@ -163,13 +167,13 @@ def _own(system: System, traces: Traces) -> Traced | NotTraceable:
     def trace() -> Traced:
         tape = Tape()
         t, x, u, p = _arguments(system, tape)
-        values: dict[Any, Any] = {
-            ("rate", n): v for n, v in zip(system.names, _rates(system, t, x, u, p), strict=True)
-        }
+        named = [("rate", n) for n in system.names]
+        nodes = tape.called(lambda: dict(zip(named, _rates(system, t, x, u, p), strict=True)))
         for name, of in system.outputs.items():
             if not isinstance(of, str | Rate):
-                values["output", name] = of(t, x, u, p)
-        return _numbers(tape, values, system.name)
+                shown = functools.partial(of, t, x, u, p)
+                nodes |= tape.called(lambda n=name, y=shown: {("output", n): y()})  # type: ignore[misc]
+        return Traced.of(tape, nodes)
 
     if traces.own is None:
         traces.own = _twice(trace, f"model {system.name}: its rates or outputs")
@@ -188,14 +192,6 @@ def _arguments(system: System, tape: Tape) -> tuple[Symbol, Named, Named, Named]
         named("u", system.inputs),
         named("p", [n for n in system.parameters if not n.startswith(BETWEEN)]),
     )
-
-
-def _numbers(tape: Tape, values: Mapping[Any, Any], of: str) -> Traced:
-    """The trace; complex numbers are refused."""
-    for (_, name), value in values.items():
-        if not isinstance(value, Symbol) and np.iscomplexobj(value):
-            raise InvalidParameter(f"model {of}: {name} is complex, expected real numbers")
-    return Traced.of(tape, values)
 
 
 def _form(system: System, traces: Traces, candidate: Candidate) -> Form:
@@ -237,8 +233,13 @@ def _effect(system: System, candidate: Candidate, symbols: bool) -> Traced | Not
             shape = tuple(parts) if isinstance(shape, tuple) else parts[0]
         hidden = {h.name: tape.input(("x", h.name)) for h in candidate.effect.hidden}
         seen = Named._of({**x._values, **hidden})
-        found = _changes(candidate, t, seen, u, p, tape.input(("size",)), shape)
-        return _numbers(tape, {("rate", n): v for n, v in found.items()}, candidate.name)
+        size = tape.input(("size",))
+
+        def changes() -> dict[Any, Any]:
+            found = _changes(candidate, t, seen, u, p, size, shape)
+            return {("rate", n): v for n, v in found.items()}
+
+        return Traced.of(tape, tape.called(changes))
 
     return _twice(trace, f"effect {candidate.name}: its rates")
 
@@ -249,7 +250,8 @@ def _port(system: System, traces: Traces, name: str) -> Traced:
         tape = Tape()
         t, x, u, p = _arguments(system, tape)
         pushed = system.ports[name](tape.input(("force",)), t, x, u, p)
-        traces.ports[name] = Traced.of(tape, {("rate", n): v for n, v in pushed.items()})
+        nodes = {("rate", n): tape.of(v) for n, v in pushed.items()}
+        traces.ports[name] = Traced.of(tape, nodes)
     return traces.ports[name]
 
 
@@ -550,13 +552,11 @@ def _program(system: System, traces: Traces, kind: Kind) -> Program:
 class _Tracks:
     """Times and signals of records, each of which is computed once."""
 
-    def __init__(self, system: System):
-        self.system = system
+    def __init__(self, system: System, traces: Traces):
+        self.system, self.known = system, traces.signals
         self.times: list[Array] = []
         self.signals: list[Array] = []
-        self._known: dict[tuple[int, ...], int] = {}
-        self._held: dict[int, list[Array]] = {}
-        self._kept: list[Any] = []  # what the keys are made of exists as long as they do
+        self._places: dict[Record, int] = {}
         self.shares = np.arange(2 * system.substeps + 1) / (2 * system.substeps)
 
     def of(
@@ -566,25 +566,36 @@ class _Tracks:
         forces: Array | None = None,
     ) -> int:
         """Place of the signals of a record, with changes of inputs or unknown forces."""
-        key = (id(record), *map(id, changes), *([] if forces is None else [id(forces)]))
-        if key not in self._known:
-            self._kept.append((record, changes, forces))
-            if id(record) not in self._held:
-                self._held[id(record)] = [
-                    v for n in self.system.inputs for v in self.between(record, record.inputs[n])
-                ]
-            columns = [*self._held[id(record)]]
-            for change in changes:
-                for n in self.names(change):
-                    columns += self.between(record, np.asarray(change[n]))
-            if forces is not None:
-                columns += self._forces(record, forces)
-            self._known[key] = len(self.times)
-            self.times.append(np.ascontiguousarray(record.time, dtype=np.float64))
-            shape = record.samples, self.shares.size
-            stacked = np.stack(columns, axis=-1) if columns else np.zeros((*shape, 0))
-            self.signals.append(np.ascontiguousarray(stacked))
-        return self._known[key]
+        further = [
+            column
+            for change in changes
+            for n in self.names(change)
+            for column in self.between(record, np.asarray(change[n]))
+        ]
+        if forces is not None:
+            further += self._forces(record, forces)
+        if not further and record in self._places:
+            return self._places[record]
+        system = self.system
+        key = system.hold, system.substeps, system.inputs
+        held = self.known.setdefault(record, {})
+        if key not in held:
+            held[key] = self._stacked(
+                record,
+                [v for n in system.inputs for v in self.between(record, record.inputs[n])],
+            )
+        own = held[key]
+        if further:
+            own = np.concatenate([own, self._stacked(record, further)], axis=-1)
+        else:
+            self._places[record] = len(self.times)
+        self.times.append(np.ascontiguousarray(record.time, dtype=np.float64))
+        self.signals.append(own)
+        return len(self.times) - 1
+
+    def _stacked(self, record: Record, columns: Sequence[Array]) -> Array:
+        none = np.zeros((record.samples, self.shares.size, 0))
+        return np.stack(columns, axis=-1) if columns else none
 
     def names(self, change: Mapping[str, Array]) -> tuple[str, ...]:
         """Inputs of the model that a change changes."""
@@ -648,7 +659,7 @@ def simulated(
         forms = tuple(_form(system, traces, t) for t in jobs.included)
         groups.setdefault((forms, jobs.forces is not None), []).append(i)
     found: dict[int, tuple[Array, Array]] = {}
-    tracks = _Tracks(system)
+    tracks = _Tracks(system, traces)
     for (forms, forces), group in groups.items():
         own = [batches[i] for i in group]
         if _reason(system, traces, forms) is None:
@@ -724,7 +735,7 @@ def sensitivities(
     found: list[Sensitivity | None] = [None] * len(requests)
     groups: dict[Kind, list[int]] = {}
     left: dict[int, list[int]] = {}
-    tracks = _Tracks(system)
+    tracks = _Tracks(system, traces)
     inner: dict[int, SensitivityRequest] = {}
     for i, request in enumerate(requests):
         forms = tuple(_form(system, traces, t) for t in request.included)
@@ -941,27 +952,36 @@ class _Plain:
         for candidate in jobs.included:
             _check_names(system, candidate)
 
-    def _each(self, of: Callable[..., Sequence[Any]], t: Array, *columns: Array) -> Array:
+    def _each(
+        self, names: Sequence[str], of: Callable[..., Sequence[Any]], t: Array, *columns: Array
+    ) -> Array:
         """Values of a function of arrays, or of numbers if it does not take arrays."""
-        values: Sequence[Any]
         if not self.one_by_one:
             try:
-                values = of(t, *columns)
-                return np.array([np.zeros(t.size) + self._checked(v, t.size) for v in values])
-            except (TypeError, ValueError):
+                return self._checked(names, of(t, *columns), t.size)
+            except (TypeError, ValueError) as error:
+                if isinstance(error, Error) and error.__cause__ is None:
+                    raise
                 self.one_by_one = True
         rows = [of(t[b], *(c[..., b] for c in columns)) for b in range(t.size)]
-        return np.array([[float(self._checked(v, 1)) for v in row] for row in rows]).T
+        try:
+            return np.array(rows, dtype=np.float64).reshape(t.size, len(names)).T
+        except (TypeError, ValueError):  # which of them is no number
+            return np.concatenate([self._checked(names, row, 1) for row in rows], axis=1)
 
-    def _checked(self, value: Any, count: int) -> Any:
-        """A rate or an output, which is a real number or one for each job."""
-        if np.shape(value) not in ((), (1,), (count,)) or np.iscomplexobj(value):
-            kind = "complex numbers of " if np.iscomplexobj(value) else ""
-            raise InvalidParameter(
-                f"model {self.system.name}: a rate or an output has {kind}shape {np.shape(value)}, "
-                f"expected a number or one value a job, ({count},)"
-            )
-        return value if np.ndim(value) == 0 or np.size(value) > 1 else np.reshape(value, (-1,))[0]
+    def _checked(self, names: Sequence[str], values: Sequence[Any], count: int) -> Array:
+        """Rates or outputs, each of which is a real number or one for each job."""
+        out = np.empty((len(values), count))
+        for row, name, value in zip(out, names, values, strict=True):
+            if np.iscomplexobj(value):
+                fault = "is complex, expected a real number"
+            elif np.shape(value) not in ((), (1,), (count,)):
+                fault = f"has shape {np.shape(value)}, expected a number or one value a job"
+            else:
+                row[:] = value
+                continue
+            raise InvalidParameter(f"model {self.system.name}: {name} {fault}, ({count},)")
+        return out
 
     def _named(self, x: Array, u: Array, p: Array) -> tuple[Named, Named, Named]:
         system = self.system
@@ -1005,7 +1025,8 @@ class _Plain:
                     out[place] = out[place] + value
             return out
 
-        return self._each(of, t, x, signals, jobs.theta.T, jobs.magnitudes.T)
+        names = [f"the rate of {s.name}" for s in system.all_states(jobs.included)]
+        return self._each(names, of, t, x, signals, jobs.theta.T, jobs.magnitudes.T)
 
     def outputs(self, t: Array, x: Array, signals: Array, slopes: Array) -> Array:
         """Outputs, (outputs, jobs)."""
@@ -1024,4 +1045,5 @@ class _Plain:
                         out.append(show(t, named, held, values))
             return out
 
-        return self._each(of, t, x, signals, self.jobs.theta.T, slopes)
+        names = [f"output {n}" for n in system.outputs]
+        return self._each(names, of, t, x, signals, self.jobs.theta.T, slopes)

@@ -25,7 +25,7 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.fit.program import Program
 from unmodeled.fit.tape import NAMES
 
-__all__ = ["SOURCE", "build", "library", "run"]
+__all__ = ["SOURCE", "build", "library", "loaded", "run"]
 
 SOURCE = Path(__file__).with_name("tape.cpp")
 #: Name of the shared object, next to the source.
@@ -71,10 +71,13 @@ def build(folder: Path | None = None) -> Path:
 
 @functools.cache
 def library() -> Any:
-    """The loaded shared object; None: there is none, or it is of another version."""
+    """The shared object of the package; None: there is none, or it is of another version."""
     path = SOURCE.with_name(NAME)
-    if os.environ.get(OFF) or not path.is_file():
-        return None
+    return loaded(path) if path.is_file() and not os.environ.get(OFF) else None
+
+
+def loaded(path: Path | str) -> Any:
+    """A loaded shared object; None, with a warning, if it is of another version."""
     try:
         found = ctypes.CDLL(str(path))
         found.tape_version.restype = ctypes.c_int64
@@ -84,8 +87,8 @@ def library() -> Any:
     except (OSError, AttributeError) as error:
         fault = str(error)
     warnings.warn(
-        f"{path.name} is not used: {fault}; python -m unmodeled.fit.compiled makes it anew. Until "
-        "then, simulations run in NumPy, which takes longer",
+        f"{Path(path).name} is not used: {fault}; python -m unmodeled.fit.compiled makes it anew. "
+        "Until then, simulations run in NumPy, which takes longer",
         RuntimeWarning,
         stacklevel=2,
     )
