@@ -78,17 +78,19 @@ class MujocoModel(Simulator):
         smaller = copy.copy(self.mjcf)
         smaller.parts = 2
         one, half = (m.run_all([run])[0] for m in (self.mjcf, smaller))
+        found = []
         for name in self.outputs:
             sensor = record.sensors.get(name)
             sigma = sensor.sigma if sensor is not None else None
             error = float(np.sqrt(np.mean((one[name] - half[name]) ** 2)))
             if not error <= (STEP_ERROR * sigma if sigma else OF_SPREAD * np.std(one[name])):
-                beside = f"; the noise of its sensor is {sigma:.2g}" if sigma else ""
-                yield (
-                    f"model {self.name}: half its time step changes {name} by {error:.2g} (rms)"
-                    f"{beside}: its time step of {step:.4g} s is too long, and may be taken for a "
-                    "cause"
-                )
+                beside = f", {error / sigma:.2g} times its noise" if sigma else ""
+                found.append(f"{name} by {error:.2g} (rms{beside})")
+        if found:
+            yield (
+                f"model {self.name}: half its time step changes {', '.join(found)}: {step:.4g} s is "
+                "a long step, whose error may be taken for a cause"
+            )
 
     @property
     def text(self) -> str:

@@ -397,8 +397,6 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
 
     NaN if the delay explains less than half of the squared difference.
     """
-    from scipy.fft import irfft, next_fast_len, rfft  # scipy.signal takes half a second to import
-
     both = np.isfinite(measured) & np.isfinite(model)
     count = int(min(time.size, 4096))
     if both.sum() < 8:
@@ -409,8 +407,9 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
     most = int(LONGEST * count)
     padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
     # Sums of squares of all delays at once: x^2 - 2 x y + y^2.
-    size = next_fast_len(padded.size, real=True)
-    product = irfft(rfft(padded, size) * np.conj(rfft(x, size)), size)[: 2 * most + 1]
+    # (scipy.signal takes a second to start.)
+    spectrum = np.fft.rfft(padded) * np.conj(np.fft.rfft(x, padded.size))
+    product = np.fft.irfft(spectrum, padded.size)[: 2 * most + 1]
     squares = np.concatenate([[0.0], np.cumsum(padded**2)])
     cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
     best = int(np.argmin(cost))
