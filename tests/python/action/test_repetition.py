@@ -29,7 +29,7 @@ def test_key_travel_is_that_of_a_slow_press(action):
 
 
 def test_the_finger_has_its_mass_and_no_more_than_its_force(leaded):
-    """F = m a at the tip, free between key and hand; its weight is carried (an arm 0.2 % shorter)."""
+    """F = m a at the tip, free between key and hand; its weight is carried (0.2 % less)."""
     played = repetition.with_finger(leaded, -0.02)
     stroke = feltmb.table_stroke([0.0, 0.004], [-3.0, -3.0], interpolation="linear")
     start = {"playing finger.angle": -0.005 / repetition.ARM}
