@@ -441,7 +441,7 @@ RANDOM = np.random.default_rng()
         (lambda t, x, u, p: (x.v, np.log(x.q - 5.0)), "its rate of v at t = 0 s and q = 0, v = 0"),
         (lambda t, x, u, p: (x.v, 1j * x.q), "the rate of v is complex, expected a real number"),
         (lambda t, x, u, p: (x.v, np.zeros(7)), r"the rate of v has shape \(7,\), expected a numb"),
-        (lambda t, x, u, p: (x.v,), "the rates return 1 values, expected one for each state: q, v"),
+        (lambda t, x, u, p: (x.v,), "rates returned 1 values, expected one for each state: q, v"),
         (lambda t, x, u, p: (x.v, p.kk * x.q), r"no 'kk'; known are m, k, d \(line \d+ of test_t"),
     ],
 )
