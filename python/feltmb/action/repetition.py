@@ -287,7 +287,7 @@ def with_finger(action: Action, height: float = 0.0) -> Action:
             "surfaces": [_FINGER, other], "law": "hunt_crossley", "hunt_crossley": law
         }  # fmt: skip
     for lead in raw.get("leads", {}).values():
-        lead.setdefault("body", finger.body)
+        lead["body"] = lead.get("body") or finger.body
     raw["finger"] |= {"body": _FINGER, "point": place(-ARM)}
     played = Action(raw, action.origin)
     return played.with_laws(action._laws) if action._laws else played

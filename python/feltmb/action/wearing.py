@@ -49,7 +49,7 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
     "impact_speed": ("impact speed", "m/s", 1.0),
     "up_weight": ("up weight", "g", GRAM),
     "twice": ("soft strikes that strike twice", "%", 0.01),
-    "caught": ("soft strike until the hammer is held", "ms", 1e-3),
+    "caught": ("soft strike until the hammer stands in check", "ms", 1e-3),
     "key_return": ("key back after the release", "ms", 1e-3),
     "return_force": ("largest force of the return", "N", 1.0),
 }
@@ -57,9 +57,11 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
 WEAR_NUMBERS = tuple(NUMBERS)[:6]
 
 #: Largest forces of the finger in soft, held presses [N]; time in which they rise, and of all [s].
-SOFT, RISEN, HELD = (0.8, 0.9, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0), 0.03, 0.5
+SOFT, RISEN, HELD = (1.4, 1.5, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0), 0.03, 0.5
 #: Strokes of the strike and of the release, and the begin of the release [s].
 STRIKE, RELEASE, RELEASED = "piano", "press_release", 0.45
+#: A hammer that moves by less, and is held in this last time, stands in check [m, s].
+SWING, STANDS = 3e-3, 0.02
 #: Part of the range of a screw in the targets by which it is turned.
 TURN = 0.1
 
@@ -145,8 +147,10 @@ def _soft(action: Action) -> dict[str, float]:
             continue
         strikes.append(len(run.strikes))
         held = np.sum([run[f"contact{c:02d}.force"] for c in reading.check_contacts], axis=0) > 0.0
-        free = run.time[(run.time > hit) & ~np.broadcast_to(held, run.time.shape)]
-        times.append(float(free[-1]) - hit if free.size else 0.0)
+        gap = run[f"contact{reading.strike_contact:02d}.compression"]
+        caught = np.any(held & (run.time > run.time[-1] - STANDS))
+        moves = run.time[(np.abs(gap - gap[-1]) > SWING) | ~caught]
+        times.append(max(0.0, float(moves[-1]) - hit))
     return {
         "twice": float(np.mean(np.array(strikes) > 1)) if strikes else math.nan,
         "caught": max(times, default=math.nan),

@@ -58,6 +58,9 @@ __all__ = [
 ]
 
 
+#: Millimeters of an inch.
+INCH = 25.4
+
 # --- regulation ----------------------------------------------------------------------------------
 
 
@@ -77,6 +80,7 @@ def regulate(
     out: Path | None = option(
         "Write the regulated mechanism, with its provenance, to this TOML file.", FileName(".toml")
     ),
+    inch: bool = option("Print inches beside millimeters."),
     settings: tuple[str, ...] = SET,
     force: bool = FORCE,
     *,
@@ -104,7 +108,7 @@ def regulate(
         print_json(result.as_dict())
     else:
         screen = console()
-        screen.print(regulation_table(result))
+        screen.print(regulation_table(result, inch=inch))
         turned = screw_table(result) if result.provenance["screws"] else "No screw was turned."
         screen.print(turned)
         for row in result.table:
@@ -127,12 +131,17 @@ def _value(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def regulation_table(result: Regulation) -> Any:
+def regulation_table(result: Regulation, *, inch: bool = False) -> Any:
     """Table of each step: target, before and after."""
+
+    def unit(unit: str, value: float | None) -> str:
+        told = inch and unit == "mm" and value is not None
+        return f"mm = {value / INCH:.3f} in" if told and value is not None else unit
+
     counts = ", ".join(f"{number} {what}" for what, number in result.counts.items())
     rounds = f"{result.rounds} round" + ("" if result.rounds == 1 else "s")
     rows = [
-        (r.letter, r.name, r.target, _value(r.before), _value(r.after), r.unit,
+        (r.letter, r.name, r.target, _value(r.before), _value(r.after), unit(r.unit, r.after),
          "holds" if r.holds else "NOT MET")
         for r in result.table
     ]  # fmt: skip
@@ -171,6 +180,7 @@ def touch(
         metavar="ACTION",
         complete=actions,
     ),
+    inch: bool = option("Print inches beside millimeters."),
     settings: tuple[str, ...] = SET,
     force: bool = FORCE,
     *,
@@ -199,15 +209,15 @@ def touch(
     if as_json:
         print_json(result.as_dict() | ({} if earlier is None else {"before": earlier.as_dict()}))
     else:
-        _print_touch(result, earlier)
+        _print_touch(result, earlier, inch=inch)
     if folder is not None:
         for path in result.plot(folder, before=earlier, force=force):
             say_written(path)
 
 
-def _print_touch(result: Touch, earlier: Touch | None) -> None:
+def _print_touch(result: Touch, earlier: Touch | None, *, inch: bool) -> None:
     screen = console()
-    screen.print(touch_table(result, earlier))
+    screen.print(touch_table(result, earlier, inch=inch))
     if result.weights is not None:
         share = result.weights.hammer_share
         screen.print(
@@ -230,7 +240,7 @@ def _sources(result: Touch) -> list[str]:
     return list(dict.fromkeys(row.source for row in result.rows if row.source))
 
 
-def touch_table(result: Touch, before: Touch | None = None) -> Any:
+def touch_table(result: Touch, before: Touch | None = None, *, inch: bool = False) -> Any:
     """Simulated and published values, forces in gram-force; ``before``: of another mechanism."""
     title = f"touch of {result.action.name}"
     if before is not None and before.action.name != result.action.name:
@@ -239,16 +249,16 @@ def touch_table(result: Touch, before: Touch | None = None) -> Any:
     return table(
         title,
         f"| {'>here' if before is None else '>before | >after'} | unit | >published | |",
-        [_touch_cells(row, result, before) for row in result.rows],
+        [_touch_cells(row, result, before, inch=inch) for row in result.rows],
         f"weights: mean over {low:.2f} to {high:.2f} mm of key travel, damper lifted; "
         "empty: nothing published",
     )
 
 
-def _touch_cells(row: TouchRow, result: Touch, before: Touch | None) -> list[str]:
+def _touch_cells(row: TouchRow, result: Touch, before: Touch | None, *, inch: bool) -> list[str]:
     from feltmb.action.touch.pictures import GRAM_FORCE
 
-    digits = 3 if row.unit in ("1", "mm") else 1
+    digits = row.digits
     unit = "" if row.unit == "1" else row.unit
     numbers = [_value(row.value, digits)]
     if before is not None:
@@ -257,6 +267,8 @@ def _touch_cells(row: TouchRow, result: Touch, before: Touch | None) -> list[str
         )
     elif row.value is not None and row.unit == "gf":
         unit = f"gf = {row.value * GRAM_FORCE:.3f} N"
+    if inch and row.value is not None and row.unit == "mm":
+        unit = f"mm = {row.value / INCH:.3f} in"
     published = "" if row.published is None else f"{row.published:g}"
     if row.low is not None and row.high is not None:
         published = f"{row.low:g} to {row.high:g}"
@@ -483,6 +495,8 @@ def symptom(
     )
     if found.screws:
         screen.print(f"Screws that take it back: {'; '.join(found.screws)}.")
+    if found.beyond:
+        screen.print(f"Not in the model, look for it as well: {'; '.join(found.beyond)}.")
 
 
 def _numbers(found: Any, action: str) -> str:
