@@ -32,6 +32,7 @@ PAGES = [
     "README.md",
     *TUTORIALS,
     "docs/explanation/gap.md",
+    "docs/explanation/tracing.md",
     "docs/reference/mechanism_files.md",
     *HOWTO,
 ]

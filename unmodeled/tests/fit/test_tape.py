@@ -179,7 +179,7 @@ def test_both_integrators_agree(extension):
         program, kept = step.run, []
 
         def both(*given, kept=kept):
-            kept.append((step._in_numpy(*given), step.Runs(*compiled.run(*given))))
+            kept.append((step.in_numpy(*given), step.Runs(*compiled.run(*given))))
             return kept[-1][1]
 
         included = (Candidate(effects[0], (0.004, 2.0)), candidates[5])

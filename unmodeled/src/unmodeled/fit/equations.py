@@ -278,9 +278,9 @@ class Equations(Model):
             fault = fault or f"{', '.join(bad)} at t = {record.time[0]:g} s and {at}"
         if fault:
             raise InvalidParameter(
-                f"model {self.name}: its rate of {fault}, where record {records[0].name} begins, "
-                "is no finite number; expected one there. If a state has no meaning at zero, give "
-                "its start: states={'h': (1.0, 0.1, 'm')}"
+                f"model {self.name}: it gives no finite outputs: its rate of {fault}, where record "
+                f"{records[0].name} begins, is no finite number, expected one. If a state has no "
+                "meaning at zero, give its start: states={'h': (1.0, 0.1, 'm')}"
             )
 
     def _scaled(self, records: Sequence[Record]) -> Equations:
