@@ -32,9 +32,6 @@ __all__ = ["Mjcf"]
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.
 STEPS, WORTH_A_THREAD = 20_000, 2_000
-#: Displacement of a center of mass by which MuJoCo takes a body as one whose mass is not at its
-#: joint [m]; the run sets the true one.
-ASIDE = 1e-9
 #: Fields that changes without influence on other fields set.
 CHANGED = ("dof_damping", "dof_frictionloss", "jnt_stiffness", "jnt_range", "actuator_gainprm",
            "actuator_biasprm", "actuator_forcerange")  # fmt: skip
@@ -185,16 +182,21 @@ class Mjcf:
         """
         late = {n: v for n, v in values.items() if n.endswith(".delay")}
         changed = self._changed({n: v for n, v in values.items() if n not in late})
-        with quiet():
-            spec = self.spec.copy()
-            add_backlash(spec, self.model, _slack(changed))
-            model = spec.compile()
-            set_properties(model, changed, self.properties)
-            spec.copy_back(model)
+        spec = self.spec.copy()
         for name, value in late.items():
             actuator = spec.actuator(name.removesuffix(".delay"))
             actuator.delay = value
             actuator.nsample = int(np.ceil(value / float(self.model.opt.timestep))) + 2
+        add_backlash(spec, self.model, _slack(changed))
+        try:
+            with quiet():
+                model = spec.compile()
+                set_properties(model, changed, self.properties)
+                spec.copy_back(model)
+                spec.compile()
+        except ValueError as error:
+            told = ", ".join(f"{n} = {v:.4g}" for n, v in values.items())
+            raise InvalidParameter(f"{self.path}: is no MJCF with {told}: {error}") from None
         return spec
 
     def _structure(self, changed: Mapping[str, float]) -> _Structure:
@@ -225,14 +227,8 @@ class Mjcf:
         spec.compiler.discardvisual = not visual
         add_backlash(spec, self.model, slack)
         for b in aside:
-            body, own = spec.body(self.model.body(b).name), self.model.body(b)
-            body.explicitinertial, body.mass = True, float(own.mass[0])
-            body.inertia, body.iquat = own.inertia.copy(), own.iquat.copy()
-            body.ipos = own.ipos + ASIDE
-        model = spec.compile()
-        for b in aside:
-            model.body_ipos[b] = self.model.body_ipos[b]
-        return model
+            spec.body(self.model.body(b).name).simple = False
+        return spec.compile()
 
     # --------------------------------------------------------------------------------------- runs
 
