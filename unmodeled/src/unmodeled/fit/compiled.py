@@ -1,6 +1,6 @@
 """The compiled integrator of programs: ``tape.cpp`` as a shared object without dependencies.
 
-It is used if it was compiled, by a package or by ``python -m unmodeled.fit.compiled``; otherwise
+It is used if it was compiled, by a package or by ``python -m unmodeled.fit.build_tape``; otherwise
 the same programs run in NumPy. Nothing is compiled without being asked.
 """
 
@@ -9,9 +9,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
-import shutil
-import subprocess
-import sys
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,21 +19,16 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
+from unmodeled.fit.build_tape import NAME, SOURCE, compile_tape
 from unmodeled.fit.program import Program
 from unmodeled.fit.tape import NAMES
 
 __all__ = ["SOURCE", "build", "library", "loaded", "run"]
 
-SOURCE = Path(__file__).with_name("tape.cpp")
-#: Name of the shared object, next to the source.
-NAME = "_tape.dll" if sys.platform == "win32" else "_tape.so"
 #: Version of the structs, and number of the operations.
 VERSION = 100 + len(NAMES)
-#: No contraction of products and sums: all machines give the same numbers.
-OPTIONS = ("-O3", "-std=c++17", "-shared", "-fPIC", "-ffp-contract=off", "-fno-math-errno",
-           "-fno-trapping-math", "-fvisibility=hidden")  # fmt: skip
 #: Set to a value, this variable of the environment turns the extension off.
-OFF = "FELTMB_NO_EXTENSION"
+OFF = "UNMODELED_NO_EXTENSION"
 
 
 def build(folder: Path | None = None) -> Path:
@@ -52,19 +44,10 @@ def build(folder: Path | None = None) -> Path:
     InvalidParameter
         There is no compiler, or it fails.
     """
-    compiler = os.environ.get("CXX") or shutil.which("c++") or shutil.which("g++")
-    if compiler is None:
-        raise InvalidParameter(
-            "no C++ compiler: got neither CXX nor c++ nor g++, expected one of them; without the "
-            "extension, the same programs run in NumPy"
-        )
-    path = (folder or SOURCE.parent) / NAME
-    part = path.with_suffix(f".{os.getpid()}")
-    command = [*compiler.split(), *OPTIONS, "-o", str(part), str(SOURCE)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise InvalidParameter(f"{' '.join(command)} fails: {done.stderr.strip()[:500]}")
-    part.replace(path)
+    try:
+        path = compile_tape(SOURCE, folder or SOURCE.parent)
+    except RuntimeError as error:
+        raise InvalidParameter(str(error)) from None
     library.cache_clear()
     return path
 
@@ -87,8 +70,8 @@ def loaded(path: Path | str) -> Any:
     except (OSError, AttributeError) as error:
         fault = str(error)
     warnings.warn(
-        f"{Path(path).name} is not used: {fault}; python -m unmodeled.fit.compiled makes it anew. "
-        "Until then, simulations run in NumPy, which takes longer",
+        f"{Path(path).name} is not used: {fault}; python -m unmodeled.fit.build_tape makes it "
+        "anew. Until then, simulations run in NumPy, which takes longer",
         RuntimeWarning,
         stacklevel=2,
     )
@@ -212,7 +195,3 @@ def run(program: Program, method: Any, substeps: int, lanes: Any) -> Any:
     steps = _Method(len(method.instants), substeps, *(v.ctypes.data for v in numbers), method.gamma)
     library().tape_run(ctypes.byref(plan.struct), ctypes.byref(steps), ctypes.byref(struct))
     return outputs, derivatives, states
-
-
-if __name__ == "__main__":
-    print(build(*map(Path, sys.argv[1:2])))  # noqa: T201
