@@ -233,7 +233,7 @@ def _contact_json(found: MeasuredLoop) -> dict[str, Any]:
         "zero": at,
         "zero_interval": span or None,
         "cycle": found.branches.chosen,
-        "cycles": [asdict(one) for one in found.cycles],
+        "cycles": [{**asdict(one), "speed": finite(one.speed)} for one in found.cycles],
         "largest_compression": made.closing,
         "largest_force": float(made.loading[-1]),
         "loss": made.loss,
@@ -271,13 +271,14 @@ def _print_contact(found: MeasuredLoop) -> None:
     if len(found.cycles) > 1:
         show(
             "Cycles",
-            ">cycle | >from [mm] | >to [mm] | >force [N] | >loss [%] | >± [%]",
+            ">cycle | >from [mm] | >to [mm] | >force [N] | >speed [mm/s] | >loss [%] | >± [%]",
             [
                 (
                     f"{c.number}{' *' if c.number == found.branches.chosen else ''}",
                     f"{1e3 * c.low:.4g}",
                     f"{1e3 * c.top:.4g}",
                     f"{c.force:.4g}",
+                    f"{1e3 * c.speed:.3g}" if math.isfinite(c.speed) else "-",
                     f"{100 * c.loss:.2f}",
                     f"{100 * c.sd:.2g}",
                 )

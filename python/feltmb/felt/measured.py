@@ -22,6 +22,7 @@ from feltmb.data import ReadOptions
 from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
 from feltmb.felt.loop_uncertainty import (
+    SAME_SPEED,
     CycleLoss,
     Cycles,
     LoopUncertainty,
@@ -35,6 +36,7 @@ from feltmb.felt.transition import transition_uncertainty
 from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
+from feltmb.fiber.machine import drift_of, saturation, without_frame
 
 __all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
 
@@ -122,6 +124,7 @@ def read_measured_loop(
     thickness0: float | None = None,
     area: float | None = None,
     specimen: str = "",
+    frame: float | str | Path | None = None,
     options: ReadOptions | None = None,
 ) -> MeasuredLoop:
     """Contact law from a file with compression and force of a pair.
@@ -139,6 +142,8 @@ def read_measured_loop(
         Thickness without load [m] and area [m^2], for a column of strain or pressure.
     specimen
         Which one of several specimens.
+    frame
+        Compliance of the frame of the machine [m/N], or the file of a record without a specimen.
     options
         Columns and units of the quantities.
 
@@ -165,6 +170,10 @@ def read_measured_loop(
     ]
     if lacking:
         raise DataError(f"{file}: {'; '.join(lacking)}")
+    try:
+        table = without_frame(table, frame, thickness0=thickness0, area=area)
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from None
     by_thickness = table.compression == "thickness"
     if by_thickness and table.x.min() <= 0.0:
         raise DataError(f"{file}: thickness down to {table.x.min():.4g} m, expected > 0")
@@ -173,10 +182,12 @@ def read_measured_loop(
         zero = 0.0
     order = _order(sign * table.x, table.branches)
     x, force = table.x[order], table.loads[order]
+    in_order = bool(np.all(np.diff(order) > 0))
     try:
         found = _measured_loop(
             sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
             force * area if table.load == "pressure" and area else force,
+            time=table.time if in_order else None,
             zero=None if zero is None else sign * zero,
             cycle=cycle,
             points=points,
@@ -203,6 +214,7 @@ def measured_loop(
     displacement: Array,
     force: Array,
     *,
+    time: Array | None = None,
     zero: float | None = None,
     cycle: int | None = None,
     points: int = 193,
@@ -226,6 +238,8 @@ def measured_loop(
         Displacement in the order of the test [m], compression positive, (n,).
     force
         Force [N], compression positive, (n,).
+    time
+        Time of each sample [s], (n,), for the speeds of the cycles and the drift of the load cell.
     zero
         Displacement at the first contact [m]; default: the beginning of a smooth toe of the first
         loading (of ``cycle``, if it is given).
@@ -242,8 +256,9 @@ def measured_loop(
         The arrays are no loop, or an argument is out of range; all faults are in the message.
     """
     return _measured_loop(
-        displacement, force, zero=zero, cycle=cycle, points=points, name=name, by_thickness=False
-    )
+        displacement, force, time=time, zero=zero, cycle=cycle, points=points, name=name,
+        by_thickness=False,
+    )  # fmt: skip
 
 
 def _first_loading(branches: Branches, loading: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -278,6 +293,7 @@ def _measured_loop(
     displacement: Array,
     force: Array,
     *,
+    time: Array | None,
     zero: float | None,
     cycle: int | None,
     points: int,
@@ -289,6 +305,9 @@ def _measured_loop(
     faults = [*_sample_faults(x, f)]
     if points < 5:
         faults.append(f"points = {points}, must be >= 5")
+    clock = np.arange(x.size, dtype=float) if time is None else np.asarray(time, dtype=float)
+    if clock.shape != x.shape or not np.all(np.diff(clock) >= 0.0):
+        faults.append(f"time {clock.shape}, expected one that runs on, as long as displacement")
     _refuse(faults)
     try:
         branches = find_branches(x, cycle)
@@ -308,11 +327,14 @@ def _measured_loop(
             f"test: {least:.6g} to {most:.6g} m"
         )
     _refuse(faults)
+    limit = saturation(x[branches.kept], f[branches.kept], branches.loading)
+    _refuse([limit] if limit else [])
     given = zero is not None
     first = loading if cycle is not None else _first_loading(branches, loading)
     contact = free_approach(x[first], f[first], zero)
     zero, offset = contact.zero, contact.level
-    e, f = x - zero, f - offset
+    drift = drift_of(x, f, clock, zero)
+    e, f = x - zero, f - offset - (0.0 if drift is None else drift.force)
     beyond = {side: int(np.sum(e[at] > 0.0)) for side, at in sides.items()}
     _refuse(
         f"zero = {zero:.6g} m: {number} samples of {side} beyond it, expected at least {LEAST}"
@@ -330,8 +352,10 @@ def _measured_loop(
     load = curves[0].at(grid)
     made = _envelope(grid, load, curves[1].at(grid), meeting, name)
     made = replace(made, memory=_memory(made, e, f, branches))
-    unsure = offset_error(curves[0]) if offset else 0.0
-    cycles = complete_cycles(e, f, branches, grid, load)
+    unsure = offset_error(curves[0]) if offset else 0.0, drift.error if drift else 0.0
+    cycles = complete_cycles(
+        e, f, branches, grid, load, time=None if time is None else clock, drift=unsure[1]
+    )
     sure = loop_uncertainty(
         grid, made.loading, made.unloading, curves, meeting, cycles, zero=contact.sd, offset=unsure
     )
@@ -354,6 +378,11 @@ def _measured_loop(
     ]
     if offset:
         notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
+    if drift and drift.total:
+        notes.append(
+            f"the load cell drifts by {drift.total:.3g} N from the first free part of the test to "
+            "the last one: this is subtracted, in proportion to the time between them"
+        )
     return replace(found, notes=tuple(notes))
 
 
@@ -490,6 +519,15 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
                 f"earlier cycles went to {1e3 * earlier:.4g} mm: up to there, the loading of the "
                 "loop is that of a felt which was compressed before"
             )
+    speeds = {c.number: c.speed for c in found.cycles if c.speed > 0.0}
+    if speeds and max(speeds.values()) > SAME_SPEED * min(speeds.values()):
+        own = speeds.get(branches.chosen, math.nan)
+        notes.append(
+            f"the cycles have speeds of {1e3 * min(speeds.values()):.3g} to "
+            f"{1e3 * max(speeds.values()):.3g} mm/s, and the law does not depend on the rate: it "
+            f"is that of cycle {branches.chosen} at {1e3 * own:.3g} mm/s. Compare the losses of "
+            "the cycles; only those of about the same speed count as repetitions"
+        )
     if branches.holds:
         first, last = max(branches.holds, key=lambda hold: force[hold[0]])
         notes.append(
