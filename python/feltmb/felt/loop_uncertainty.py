@@ -54,7 +54,7 @@ class LoopUncertainty:
     unloading: Array
     """The same of unloading [N]."""
     loss: float
-    """Standard uncertainty of the lost share of the loading work [1]."""
+    """Standard uncertainty of the lost share of the loading work [1]; 0 if it is given."""
     zero: float
     """Standard uncertainty of the first contact [m], whatever its toe; 0 if it is given. Those of
     the forces are at the same displacement and do not contain it."""

@@ -38,7 +38,7 @@ from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
 from feltmb.fiber.machine import drift_of, saturation, without_frame
 
-__all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
+__all__ = ["MeasuredLoop", "Specimen", "measured_loop", "read_measured_loop", "read_specimen"]
 
 Array = NDArray[np.float64]
 
@@ -113,6 +113,42 @@ class MeasuredLoop:
         """Share of the loading work that the samples lose where both branches have samples [-]."""
         return next((c.loss for c in self.cycles if c.number == self.branches.chosen), math.nan)
 
+    @property
+    def loss_factor(self) -> float:
+        """Loss factor (tan delta) of a linear solid with the same loss in the same cycle [1].
+
+        The cycle goes from zero to its largest compression and back, about half of it.
+        """
+        return 4.0 * self.loss / (math.pi * (2.0 - self.loss))
+
+    def kawabata(self, area: float) -> dict[str, float]:
+        """Values of the compression test of Kawabata's system (KES-FB3).
+
+        Parameters
+        ----------
+        area
+            Area of the sample [m^2].
+
+        Returns
+        -------
+        dict
+            ``WC``, work of compression [J/m^2]; ``LC``, its ratio to that of a linear law [1];
+            ``RC``, share of the work that comes back [1]; ``pressure``, the largest one [Pa]: KES
+            ends at 50 gf/cm^2, and its values are for tests that end there.
+
+        Raises
+        ------
+        InvalidParameter
+            The area is not a positive number.
+        """
+        if not (math.isfinite(area) and area > 0.0):
+            raise InvalidParameter(f"kawabata: area = {area:g} m^2, must be finite and > 0")
+        made = self.envelope
+        work = float(np.trapezoid(made.loading, made.compression)) / area
+        pressure = float(made.loading[-1]) / area
+        linear = 0.5 * pressure * made.closing
+        return {"WC": work, "LC": work / linear, "RC": 1.0 - self.loss, "pressure": pressure}
+
 
 @checked
 def read_measured_loop(
@@ -125,6 +161,7 @@ def read_measured_loop(
     area: float | None = None,
     specimen: str = "",
     frame: float | str | Path | None = None,
+    loss: float | None = None,
     options: ReadOptions | None = None,
 ) -> MeasuredLoop:
     """Contact law from a file with compression and force of a pair.
@@ -144,8 +181,77 @@ def read_measured_loop(
         Which one of several specimens.
     frame
         Compliance of the frame of the machine [m/N], or the file of a record without a specimen.
+    loss
+        As in :func:`measured_loop`.
     options
         Columns and units of the quantities.
+
+    Raises
+    ------
+    DataError
+        The file has faults; all of them are in the message.
+    """
+    test = read_specimen(
+        path,
+        zero=zero,
+        thickness0=thickness0,
+        area=area,
+        specimen=specimen,
+        frame=frame,
+        options=options,
+    )
+    try:
+        found = _measured_loop(
+            test.displacement,
+            test.force,
+            time=test.time,
+            zero=test.zero,
+            cycle=cycle,
+            loss=loss,
+            points=points,
+            name=test.name,
+            by_thickness=test.by_thickness,
+        )
+    except InvalidParameter as error:
+        raise DataError(f"{path}: {error}") from None
+    return replace(found, notes=(*test.notes, *found.notes))
+
+
+@checked
+@dataclass(frozen=True)
+class Specimen:
+    """A compression test of a pair in the order of its samples."""
+
+    name: str
+    displacement: Array
+    """Displacement, compression positive [m]; minus the thickness in a test by thickness."""
+    force: Array
+    """Force, compression positive [N]."""
+    time: Array | None = None
+    """Time [s]; None if it is not known."""
+    zero: float | None = None
+    """Displacement at the first contact [m]; None: estimated."""
+    by_thickness: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@checked
+def read_specimen(
+    path: str | Path,
+    *,
+    zero: float | None = None,
+    thickness0: float | None = None,
+    area: float | None = None,
+    specimen: str = "",
+    frame: float | str | Path | None = None,
+    options: ReadOptions | None = None,
+) -> Specimen:
+    """Read a test of a pair of any kind: loading only, cycles, holds.
+
+    Parameters
+    ----------
+    path, zero, thickness0, area, specimen, frame, options
+        As in :func:`read_measured_loop`.
 
     Raises
     ------
@@ -183,20 +289,15 @@ def read_measured_loop(
     order = _order(sign * table.x, table.branches)
     x, force = table.x[order], table.loads[order]
     in_order = bool(np.all(np.diff(order) > 0))
-    try:
-        found = _measured_loop(
-            sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
-            force * area if table.load == "pressure" and area else force,
-            time=table.time if in_order else None,
-            zero=None if zero is None else sign * zero,
-            cycle=cycle,
-            points=points,
-            name=file.stem,
-            by_thickness=by_thickness,
-        )
-    except InvalidParameter as error:
-        raise DataError(f"{file}: {error}") from None
-    return replace(found, notes=(*table.notes, *found.notes))
+    return Specimen(
+        file.stem,
+        sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
+        force * area if table.load == "pressure" and area else force,
+        table.time if in_order else None,
+        None if zero is None else sign * zero,
+        by_thickness,
+        table.notes,
+    )
 
 
 def _order(x: Array, branches: list[str]) -> NDArray[np.intp]:
@@ -217,6 +318,7 @@ def measured_loop(
     time: Array | None = None,
     zero: float | None = None,
     cycle: int | None = None,
+    loss: float | None = None,
     points: int = 193,
     name: str = "loop",
 ) -> MeasuredLoop:
@@ -245,6 +347,9 @@ def measured_loop(
         loading (of ``cycle``, if it is given).
     cycle
         Number of the cycle that is the loop, from 1; default: the first complete one.
+    loss
+        Share of the loading work that is lost [1], for a test of loading only. Its unloading is
+        then loading times a power of the compression, an assumption.
     points
         Number of rows of the table, at least 5; the rows are denser at small compression.
     name
@@ -256,8 +361,8 @@ def measured_loop(
         The arrays are no loop, or an argument is out of range; all faults are in the message.
     """
     return _measured_loop(
-        displacement, force, time=time, zero=zero, cycle=cycle, points=points, name=name,
-        by_thickness=False,
+        displacement, force, time=time, zero=zero, cycle=cycle, loss=loss, points=points,
+        name=name, by_thickness=False,
     )  # fmt: skip
 
 
@@ -296,6 +401,7 @@ def _measured_loop(
     time: Array | None,
     zero: float | None,
     cycle: int | None,
+    loss: float | None,
     points: int,
     name: str,
     by_thickness: bool,
@@ -308,7 +414,11 @@ def _measured_loop(
     clock = np.arange(x.size, dtype=float) if time is None else np.asarray(time, dtype=float)
     if clock.shape != x.shape or not np.all(np.diff(clock) >= 0.0):
         faults.append(f"time {clock.shape}, expected one that runs on, as long as displacement")
+    if loss is not None and not 0.0 <= loss < 1.0:
+        faults.append(f"loss = {loss:g}, must be >= 0 and < 1")
     _refuse(faults)
+    if loss is not None:
+        x, f, clock = _with_unloading(x, f, clock, loss, zero)
     try:
         branches = find_branches(x, cycle)
     except InvalidParameter as error:
@@ -320,6 +430,8 @@ def _measured_loop(
         for side, at in sides.items()
         if at.size < LEAST
     ]
+    if faults and loading.size >= LEAST:
+        faults.append("of a test of loading only, give the loss (loss, --loss 30%; 0: elastic)")
     least, most = float(np.min(x)), float(np.max(x))
     if zero is not None and not 2.0 * least - most <= zero < most:
         faults.append(
@@ -378,12 +490,46 @@ def _measured_loop(
     ]
     if offset:
         notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
+    if loss is not None:
+        notes.append(
+            f"loading only: the loss of {100 * loss:.3g} % is an assumption, and so is unloading, "
+            "loading times a power of the compression"
+        )
+        sure = replace(found.uncertainty, loss=0.0, unloading=found.uncertainty.loading)
+        found = replace(found, uncertainty=sure)
     if drift and drift.total:
         notes.append(
             f"the load cell drifts by {drift.total:.3g} N from the first free part of the test to "
             "the last one: this is subtracted, in proportion to the time between them"
         )
     return replace(found, notes=tuple(notes))
+
+
+def _with_unloading(
+    x: Array, f: Array, clock: Array, loss: float, zero: float | None
+) -> tuple[Array, Array, Array]:
+    """Displacement, force and time of loading, and of an unloading with this loss."""
+    from scipy.optimize import brentq
+
+    branches = find_branches(x)
+    at = branches.kept[branches.loading]
+    if branches.kept.size - at.size >= LEAST:
+        _refuse(["loss: the test has unloading, and with it a loss"])
+    if at.size < LEAST:
+        _refuse([f"{at.size} samples of loading, expected at least {LEAST}"])
+    x, f, clock = x[at], f[at], clock[at]
+    contact = free_approach(x, f, zero)
+    share = np.maximum(x - contact.zero, 0.0) / (float(np.max(x)) - contact.zero)
+    felt = f - contact.level
+    work = float(np.trapezoid(np.where(share > 0.0, felt, 0.0), x))
+
+    def lost(power: float) -> float:
+        return 1.0 - float(np.trapezoid(felt * share**power * (share > 0.0), x)) / work
+
+    power = brentq(lambda p: lost(p) - loss, 0.0, 200.0) if loss else 0.0
+    back = (contact.level + np.where(share > 0.0, felt * share**power, felt))[-2::-1]
+    later = clock[-1] + (clock[-1] - clock[-2::-1])
+    return np.r_[x, x[-2::-1]], np.r_[f, back], np.r_[clock, later]
 
 
 def _envelope(grid: Array, load: Array, back: Array, meeting: Array, name: str) -> FeltEnvelope:

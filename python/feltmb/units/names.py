@@ -56,6 +56,7 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     "rad": {"mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
     "rad/s": {"rpm": math.pi / 30.0},
     "1/s": {"Hz": 1.0, "kHz": 1e3},
+    "kg/m": {"tex": 1e-6, "dtex": 1e-7, "den": 1e-3 / 9e3},
     "kg m/s^2": {
         **{"N": 1.0, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6},
         **{"gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605},
