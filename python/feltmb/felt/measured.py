@@ -31,9 +31,9 @@ from feltmb.felt.loop_uncertainty import (
     loop_uncertainty,
     offset_error,
 )
-from feltmb.felt.monotone import EXPONENTS, LOWEST, MonotoneCurve, monotone_curve
+from feltmb.felt.monotone import LOWEST, MonotoneCurve, monotone_curve
 from feltmb.felt.transition import transition_uncertainty
-from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of
+from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of, smooth_zero
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
 from feltmb.fiber.machine import drift_of, saturation, without_frame
@@ -44,8 +44,9 @@ Array = NDArray[np.float64]
 
 #: First force that counts as a preload: multiples of the scatter of the force.
 PRELOAD = 5.0
-#: The compression that a preloaded test lacks is estimated up to this multiple of its first force.
-BEGINNING = 3.0
+#: The compression that a preloaded test lacks is estimated up to this multiple of its first force,
+#: and at most this multiple of the compression there.
+BEGINNING, FARTHEST = 3.0, 20.0
 #: Range of the transition length of the law, and its wiping out of inner loops (docs: model.md).
 KAPPA, WIPING_OUT = (0.002, 1.0), 0.2
 #: Exponent of the share of the compression with which unloading is raised to meet loading.
@@ -704,34 +705,18 @@ def _preload(found: MeasuredLoop, *, given: bool) -> str | None:
         return note
     above = np.flatnonzero(force > BEGINNING * first)
     end = int(above[0]) if above.size else e.size
-    missing = _missing(e[:end] - e[0], force[:end], first, float(slope)) if end > LEAST else None
+    span = float(e[end - 1] - e[0])
+    missing = 0.0
+    if end > LEAST and slope > 0.0 and span > 0.0:
+        farthest = float(e[0]) - FARTHEST * span
+        zero = smooth_zero(e[:end], force[:end], (farthest, float(e[0])), approach=False)
+        missing = float(e[0]) - zero if zero > farthest + 0.01 * span else 0.0
     what = "thickness" if found.by_thickness else "displacement"
-    if missing is None:
+    if missing < 1e-3 * span:
         return f"{note}; give the {what} at the first contact (zero, --zero)"
     zero = (missing - e[0] - found.zero) * (1.0 if found.by_thickness else -1.0)
     return (
-        f"{note}; by a power law through the samples up to {BEGINNING * first:.3g} N, the test "
+        f"{note}; by a smooth toe through the samples up to {BEGINNING * first:.3g} N, the test "
         f"lacks about {1e3 * missing:.2g} mm of compression: give the {what} at the first contact "
         f"(zero), about --zero={1e3 * zero:.3g}mm, if the force is no offset of the load cell"
     )
-
-
-def _missing(e: Array, force: Array, first: float, slope: float) -> float | None:
-    """Compression before the first sample [m], by a power law; None if the samples do not tell."""
-    from scipy.optimize import least_squares
-
-    span = float(e[-1])
-    if not slope > 0.0 or not span > 0.0:
-        return None
-
-    def difference(p: Array) -> Array:
-        missing, power = p
-        basis = (1.0 + e / (missing * span)) ** power
-        return np.asarray((basis * (basis @ force) / (basis @ basis) - force) / first)
-
-    bounds = ([1e-3, EXPONENTS[0]], [1e2, EXPONENTS[1]])
-    guess = np.clip([first / (slope * span), 1.5], 1.01 * np.array(bounds[0]), bounds[1])
-    fit = least_squares(difference, guess, bounds=bounds)
-    if not bounds[0][0] * 1.01 < fit.x[0] < bounds[1][0] * 0.99:
-        return None
-    return float(fit.x[0] * span)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST", "TOUCH", "FirstContact", "first_contact", "free_approach", "scatter_of"]
+__all__ = ["LEAST", "TOUCH", "FirstContact", "free_approach", "scatter_of", "smooth_zero"]
 
 Array = NDArray[np.float64]
 
@@ -179,7 +179,9 @@ def _of_toe(x: Array, force: Array, *, approach: bool) -> tuple[FirstContact, fl
 
     low, high = end(within[0], within[0] - 1), end(within[-1], within[-1] + 1)
     first = float(x[0])
-    zero = _smooth_zero(x, force, (max(low, first), high), approach) if high > first else first
+    zero = (
+        smooth_zero(x, force, (max(low, first), high), approach=approach) if high > first else first
+    )
     misfit = float(np.sqrt(cost / free)) / max(scatter_of(force), EXACT * float(np.ptp(force)))
     return FirstContact(zero, low, max(high, first), 0.0), misfit
 
@@ -212,7 +214,7 @@ def _terms(e: Array) -> Array:
     return np.hstack([share ** np.array(POWERS), 1.0 / (bent**-low + bent**-high)])
 
 
-def _smooth_zero(x: Array, force: Array, ends: tuple[float, float], approach: bool) -> float:
+def smooth_zero(x: Array, force: Array, ends: tuple[float, float], *, approach: bool) -> float:
     """Zero of ``b + K e^p exp(c e)`` with the least squares."""
     from scipy.optimize import least_squares
 
