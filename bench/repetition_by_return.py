@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 import feltmb
-from feltmb.errors import FeltmbError
+from unmodeled.errors import Error
 
 RATES = range(2, 16)  # 1/s
 RETURNS = (0.2, 0.25, 0.3, 0.35, 0.4, 0.5, 0.6, 0.8, 1.0)  # of the key travel
@@ -69,7 +69,7 @@ def highest(name):
             try:
                 if weakest(action, rate, share, travel) < AUDIBLE:
                     break
-            except FeltmbError:
+            except Error:
                 break
             best = rate
         return best
@@ -79,7 +79,7 @@ def highest(name):
 
 
 def main():
-    from feltmb.style import BLUE, RED, new_figure, style_axes
+    from unmodeled.style import BLUE, RED, new_figure, style_axes
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--out", default="repetition_by_return.png")

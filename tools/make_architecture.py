@@ -86,12 +86,18 @@ def reduced(table: dict[str, set[str]]) -> dict[str, list[str]]:
 
 def used_by_name(part: str) -> str:
     """Name for people."""
-    return "feltmb" if part == "__init__" else part
+    return "(package)" if part == "__init__" else part
 
 
-def summary_line(part: str) -> str:
-    """First line of the text of a Python part."""
-    package = ROOT / "python" / "feltmb"
+#: Folders of the Python packages.
+PACKAGES = {"feltmb": ROOT / "python" / "feltmb", "unmodeled": ROOT / "unmodeled/src/unmodeled"}
+
+
+def summary_line(language: str, part: str) -> str:
+    """What a part is: the first line of the text of a Python part."""
+    if language == "C++":
+        return FOLDERS[part]
+    package = PACKAGES[language]
     file = package / f"{part}.py"
     if not file.is_file():
         file = package / part / "__init__.py"
@@ -105,8 +111,12 @@ def draw(tables: dict[str, dict[str, set[str]]]) -> str:
     """The figure as SVG."""
     shapes: list[str] = []
     y = 30.0
-    title = {"Python": "Python: python/feltmb", "C++": "C++: cpp/, bench/"}
-    for language, fill in (("Python", "#CFE6F5"), ("C++", "#F9D9B8")):
+    title = {
+        "feltmb": "Python: python/feltmb, which uses unmodeled",
+        "unmodeled": "Python: unmodeled/src/unmodeled",
+        "C++": "C++: cpp/, bench/",
+    }
+    for language, fill in (("feltmb", "#CFE6F5"), ("unmodeled", "#D5EFD0"), ("C++", "#F9D9B8")):
         table = tables[language]
         rows = levels(table)[::-1]
         wrapped = [line for row in rows for line in lines_of(row)]
@@ -119,7 +129,7 @@ def draw(tables: dict[str, dict[str, set[str]]]) -> str:
         place: dict[str, tuple[float, float]] = {}
         boxes: list[str] = []
         for line in wrapped:
-            gap = 12 if language == "Python" else 110
+            gap = 110 if language == "C++" else 12
             width = sum(box_width(p) + gap for p in line) - gap
             x = (WIDTH - width) / 2
             for part in line:
@@ -171,13 +181,15 @@ def lines_of(row: list[str]) -> list[list[str]]:
 def tables_text(tables: dict[str, dict[str, set[str]]]) -> str:
     """Tables of the page."""
     lines = []
-    for language, about in (("C++", FOLDERS.__getitem__), ("Python", summary_line)):
+    for language in ("C++", "feltmb", "unmodeled"):
         lines += [f"### {language}", "", "| part | what it is | builds on |", "|---|---|---|"]
         direct = reduced(tables[language])
         for row in levels(tables[language]):
             for part in row:
                 used = ", ".join(used_by_name(p) for p in direct[part])
-                lines.append(f"| `{used_by_name(part)}` | {about(part)} | {used} |")
+                lines.append(
+                    f"| `{used_by_name(part)}` | {summary_line(language, part)} | {used} |"
+                )
         lines.append("")
     return "\n".join(lines)
 

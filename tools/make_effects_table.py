@@ -5,7 +5,7 @@ from pathlib import Path
 
 import feltmb
 from feltmb.adapters import Entry, Library, load_library
-from feltmb.units import unit_suffix
+from unmodeled.units import unit_suffix
 
 DOCUMENT = Path(__file__).resolve().parents[1] / "docs" / "reference" / "gap-effects.md"
 

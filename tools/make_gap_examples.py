@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "bench"))
 
 import feltmb
 from blind.synthetic import Case, Sensors, make_case
-from feltmb.data import write_record
+from unmodeled.data import write_record
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "gap_action"

@@ -45,11 +45,11 @@ def regulation_terms() -> Any:
     import numpy as np
 
     import feltmb
-    from feltmb.figure import Figure
     from feltmb.graphics.plot.drawing import draw_bodies, draw_fixed, draw_joints
     from feltmb.graphics.plot.poses import bent_beams, body_poses, to_ground
     from feltmb.graphics.plot.shapes import scene, view_box
     from feltmb.run.quasistatic import simulated_press
+    from unmodeled.figure import Figure
 
     action = feltmb.load_action("steinway45_leaded")
     surfaces = action.config.surfaces

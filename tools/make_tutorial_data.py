@@ -20,7 +20,7 @@ import feltmb
 from blind.synthetic import Sensors, make_case
 from feltmb import felt
 from feltmb.adapters.library import load_library
-from feltmb.data import write_record
+from unmodeled.data import write_record
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples" / "tutorial"

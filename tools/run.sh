@@ -14,8 +14,8 @@ mkdir -p out
 "$venv/bin/feltmb" demo --out out "$@"
 
 # A small diagnosis on measured data: the model lacks the friction of the guide.
-say 'feltmb gap diagnose examples/gap/emps.py'
-"$venv/bin/feltmb" gap diagnose "$root/examples/gap/emps.py" "$root"/examples/gap/data/emps_*.csv \
+say 'unmodeled diagnose unmodeled/examples/emps.py'
+"$venv/bin/unmodeled" diagnose "$root/unmodeled/examples/emps.py" "$root"/unmodeled/examples/data/emps_*.csv \
   -o out/gap --force
 
 say "more: $(short "$venv")/bin/feltmb --help"

@@ -107,9 +107,9 @@ find_compiler() {
   local candidate
   for candidate in "${CXX:-}" g++ g++-14 g++-13 g++-12; do
     [ -n "$candidate" ] || continue
-    # GCC 11 and older, and Clang before 15, miss parts of C++20 that feltmb uses.
+    # GCC 11 and older, and Clang before 14, miss parts of C++20 that feltmb uses.
     # shellcheck disable=SC2086  # CXX may hold options
-    if printf '%s\n' '#include <concepts>' '#if defined(__clang__) ? __clang_major__ < 15 : __GNUC__ < 12' \
+    if printf '%s\n' '#include <concepts>' '#if defined(__clang__) ? __clang_major__ < 14 : __GNUC__ < 12' \
       '#error too old' '#endif' | $candidate -std=c++20 -x c++ -fsyntax-only - >/dev/null 2>&1; then
       export CXX=$candidate
       return 0
@@ -289,9 +289,20 @@ print("\n".join(value))
 PYTHON
 }
 
+# build_requirements: what both distributions need to be built, one a line
+build_requirements() {
+  "$vpy" - <<'PYTHON'
+import tomllib
+for folder in (".", "unmodeled"):
+    with open(f"{folder}/pyproject.toml", "rb") as file:
+        print(*tomllib.load(file)["build-system"]["requires"], sep="\n")
+PYTHON
+}
+
 fingerprint() {  # of all that decides what the installed package is
   {
-    find pyproject.toml CMakeLists.txt README.md LICENSE cpp python -name __pycache__ -prune -o -type f -print0 |
+    find pyproject.toml CMakeLists.txt README.md LICENSE cpp python unmodeled/pyproject.toml \
+      unmodeled/README.md unmodeled/LICENSE unmodeled/src -name __pycache__ -prune -o -type f -print0 |
       LC_ALL=C sort -z | xargs -0 sha256sum
     # shellcheck disable=SC2086
     "$vpy" -VV && $CXX --version
@@ -307,7 +318,7 @@ tree_is_here() { grep -q -x -F "CMAKE_HOME_DIRECTORY:INTERNAL=$root" build/wheel
 install_package() {
   local target='.[live]' sources dependencies requirements strict=()
   sources=$(fingerprint)
-  dependencies=$(sha256sum <pyproject.toml)
+  dependencies=$(cat pyproject.toml unmodeled/pyproject.toml | sha256sum)
   if fresh sources "$sources" && { [ "$with_tests" = no ] || { fresh tests "$dependencies" && tree_is_here; }; } &&
     "$vpy" -c 'import feltmb._core' 2>/dev/null; then
     say '  feltmb is up to date'
@@ -316,14 +327,16 @@ install_package() {
   # tools/test.sh links its C++ tests to this core, in which warnings are errors.
   [ "$with_tests" = no ] || target='.[test]' strict=(--config-settings=cmake.define.FELTMB_WERROR=ON)
   rm -f "$venv"/feltmb.sources
-  mapfile -t requirements < <(pyproject_list build-system requires)
+  mapfile -t requirements < <(build_requirements)
   "$vpy" -c 'import feltmb' 2>/dev/null ||
     say '  the first time: about 100 MB of Python packages (500 MB on disk) and the compilation, 1 to 6 minutes'
   # Built with the environment's own tools: an isolated build would compile everything anew.
   step 'build tools' pip install "${requirements[@]}" ||
     die 'The build tools could not be installed.'
-  step "feltmb (compiling with $CMAKE_BUILD_PARALLEL_LEVEL at a time)" \
-    pip install --no-build-isolation "${strict[@]}" "$target" || die 'feltmb could not be built or installed.'
+  # Both at once, so that pip takes the unmodeled of this clone for that which feltmb requires.
+  step "unmodeled and feltmb (compiling with $CMAKE_BUILD_PARALLEL_LEVEL at a time)" \
+    pip install --no-build-isolation "${strict[@]}" ./unmodeled "$target" ||
+    die 'unmodeled and feltmb could not be built or installed.'
   step 'import check' "$vpy" -c 'import feltmb, feltmb._core' ||
     die 'feltmb was installed and cannot be imported.'
   stamp sources "$sources"

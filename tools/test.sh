@@ -105,7 +105,15 @@ fi
 printf '  %s\n\n' 'Python tests   follow'
 
 # Tests that share a fixture stay in one process until a process runs out of work.
+# The tests of unmodeled run by themselves: they are those of another distribution.
+python_tests() { pytest --numprocesses "$(nproc)" --dist worksteal "$@" "${pytest_options[@]}"; }
 status=0
-pytest --numprocesses "$(nproc)" --dist worksteal "${pytest_options[@]}" || status=$?
+for tests in unmodeled/tests tests/python; do
+  printf '\n== %s\n' "$tests"
+  code=0
+  python_tests "$tests" || code=$?
+  # 5: no test was selected, as by -k.
+  [ "$code" -eq 0 ] || [ "$code" -eq 5 ] || status=$code
+done
 [ "$failures" -eq 0 ] || exit 1
 exit "$status"

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from blind import action_truth as truth
-from feltmb.data import Array, Record, Sensor
-from feltmb.files import make_folder, read_json, read_npz, write_file
+from unmodeled.data import Array, Record, Sensor
+from unmodeled.files import make_folder, read_json, read_npz, write_file
 
 __all__ = ["draw", "make_records", "packaged_scales", "read_records", "to_record"]
 

@@ -12,7 +12,7 @@ import sys
 import sysconfig
 from pathlib import Path
 
-from feltmb.errors import FeltmbError
+from unmodeled.errors import Error
 
 __all__ = ["build_network"]
 
@@ -33,7 +33,7 @@ def build_network() -> None:
 
     Raises
     ------
-    FeltmbError
+    Error
         A command failed; the message has its output.
     """
     if _is_new():
@@ -55,11 +55,11 @@ def _output(command: list[str]) -> str:
     try:
         run = subprocess.run(command, capture_output=True, text=True, check=False)
     except FileNotFoundError:
-        raise FeltmbError(
+        raise Error(
             f"blind bench: its C++ network needs {command[0]}, which is not installed"
         ) from None
     if run.returncode != 0:
-        raise FeltmbError(
+        raise Error(
             f"blind bench: building its C++ network failed: {' '.join(command)}\n"
             f"{run.stdout[-2000:]}{run.stderr[-2000:]}"
         )

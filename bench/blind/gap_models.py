@@ -3,7 +3,7 @@
 python bench/blind/gap_models.py [CASE ...] [--json FILE]
 
 Each machine is integrated by scipy (LSODA) with a cause that its model lacks; parameters of the
-model are off, the library is the generic one of ``feltmb.gap.library``, one record is held-out.
+model are off, the library is the generic one of ``unmodeled.library``, one record is held-out.
 Printed: verdict, what was named, its size against the truth, share of the held-out gap that it
 closes, processor time. "between" is the parameter of an input's run between its samples.
 """
@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from feltmb.gap import (
+from unmodeled import (
     Coordinate,
     Coupling,
     Effect,

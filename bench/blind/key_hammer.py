@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blind.lumped import Network
-from feltmb.data import Array, Record
-from feltmb.fit import (
+from unmodeled.data import Array, Record
+from unmodeled.fit import (
     Candidate,
     Effect,
     Jobs,

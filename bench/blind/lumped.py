@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blind.build import build_network
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 build_network()
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from blind import truth, truth_machine, truth_outside, truth_sensors
 from blind.key_hammer import GATE_WIDTH, KeyHammer
-from feltmb.data import Record, Sensor
-from feltmb.errors import InvalidParameter
-from feltmb.files import NPZ_FAULTS, make_folder, read_json, read_npz, write_file
+from unmodeled.data import Record, Sensor
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import NPZ_FAULTS, make_folder, read_json, read_npz, write_file
 
 __all__ = ["draw", "make_records", "packaged_scales", "read_records", "stated_model"]
 

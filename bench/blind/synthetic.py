@@ -18,12 +18,12 @@ from blind.refined import refined as refine
 from feltmb.adapters.changes import Change, Entry
 from feltmb.adapters.findings import action_with_effects
 from feltmb.adapters.library import Library, load_library
-from feltmb.data import Array, Record, Role, Sensor
-from feltmb.errors import InvalidParameter
-from feltmb.fit.noise import Noise
 from feltmb.mechanism import Action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, load_stroke, pulse_stroke, ramp_stroke
+from unmodeled.data import Array, Record, Role, Sensor
+from unmodeled.errors import InvalidParameter
+from unmodeled.fit.noise import Noise
 
 __all__ = ["Case", "Sensors", "Truth", "make_case", "make_record"]
 

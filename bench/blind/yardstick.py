@@ -31,11 +31,12 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
+import unmodeled
+
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from blind.marks import Answer, Marked, Truth, compare, read, table
 from blind.yardstick_sets import ROOT, SEALED, SETS, Set, Task
-from feltmb import gap
 
 __all__ = ["ENGINES", "diagnosed", "run_case"]
 
@@ -54,8 +55,8 @@ Engine = Callable[[Any, Sequence[Any], Sequence[Any], float], Answer]
 
 
 def diagnosed(model: Any, effects: Sequence[Any], records: Sequence[Any], budget: float) -> Answer:
-    """The engine of :mod:`feltmb.gap`; what it names are causes, some of them parameters."""
-    result = gap.diagnose(model, effects, records, options=gap.Options(seconds=budget))
+    """The engine of :mod:`unmodeled`; what it names are causes, some of them parameters."""
+    result = unmodeled.diagnose(model, effects, records, options=unmodeled.Options(seconds=budget))
 
     def name(cause: Any) -> str:
         return f"parameter:{cause.cause}" if cause.parameter else str(cause.cause)

@@ -1,7 +1,7 @@
 """Sets of the yardstick: cases with a stated model, candidates, records, and the truth.
 
 All seeds are frozen. Records that are simulated are stored in a folder (``cache``) when they are
-first needed; measured ones are in ``bench/data`` and ``examples/gap/data``.
+first needed; measured ones are in ``bench/data`` and ``unmodeled/examples/data``.
 """
 
 from __future__ import annotations
@@ -23,8 +23,7 @@ from blind.imperfect.generate import load
 from blind.imperfect.machines import TABLES
 from blind.imperfect.stated import stated, to_records
 from blind.marks import Cause, Truth
-from feltmb.data import StartPrior, read_records
-from feltmb.gap import (
+from unmodeled import (
     Coordinate,
     Effect,
     Equations,
@@ -36,6 +35,7 @@ from feltmb.gap import (
     candidates,
     library,
 )
+from unmodeled.data import StartPrior, read_records
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ __all__ = ["SEALED", "SETS", "Set", "Task"]
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = ROOT / "bench" / "data"
-EXAMPLES = ROOT / "examples" / "gap"
+EXAMPLES = ROOT / "unmodeled" / "examples"
 #: Frozen seeds of the development cases of both blind benches.
 SMALL_SEED, SMALL_CASES = 20270101, 300
 ACTION_SEED, ACTION_CASES = 20270102, 60

@@ -18,8 +18,8 @@ import numpy as np
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.derivatives import TOLERANCE, added_states, forward_sensitivities
-from feltmb.data import Record
-from feltmb.fit import Candidate, SensitivityRequest
+from unmodeled.data import Record
+from unmodeled.fit import Candidate, SensitivityRequest
 
 COLUMNS = (10, 50, 200)
 #: Time after the strike that is included [s].

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from feltmb.gap import (
+from unmodeled import (
     Coordinate,
     Effect,
     Equations,

@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 import feltmb
+import unmodeled
 from feltmb.cli import main as feltmb_main
 
 __all__ = ["CHAPTERS", "FAST", "Answer", "run"]
@@ -175,7 +176,7 @@ def measured(name: str, settings: Mapping[str, str]) -> Iterator[Answer]:
         command("gap", "join", camera, cell, "--same", f"0ms={1e3 * OFFSET:.0f}ms", "-o",
                 f"{name}_{stroke}.csv", "--force")  # fmt: skip
         yield Answer(
-            f"{stroke}: samples", feltmb.read(f"{name}_{stroke}.csv")[0].samples > 50, True
+            f"{stroke}: samples", unmodeled.read(f"{name}_{stroke}.csv")[0].samples > 50, True
         )
 
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from feltmb.fiber.plot import COLORS
-from feltmb.style import new_figure, style_axes
+from unmodeled.style import new_figure, style_axes
 
 FELT_EXAMPLES: dict[str, dict[str, float]] = {
     "van_wyk": {"k_p": 0.01, "E": 2.5e9, "v_f0": 0.1},

@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 import feltmb
-from feltmb.errors import FeltmbError
 from feltmb.run.arrays import summary_unit
 from feltmb.run.batch import simulate_many
-from feltmb.units import to_si
+from unmodeled.errors import Error
+from unmodeled.units import to_si
 
 FOLDER = Path(__file__).parent
 #: In the order of the figures of the thesis.
@@ -288,7 +288,7 @@ class Study:
 
         def take(index: int, run: Any) -> None:
             case = cases[index]
-            if isinstance(run, FeltmbError):
+            if isinstance(run, Error):
                 found[case] = Outcome({}, {}, " ".join(str(run).split()))
                 return
             wanted = {
@@ -378,7 +378,7 @@ class Study:
         """A figure of the file (matplotlib)."""
         from matplotlib.figure import Figure
 
-        from feltmb.style import CYCLE
+        from unmodeled.style import CYCLE
 
         given = self.spec["figures"][name]
         columns = min(given.get("columns", 1), len(given["panels"]))
@@ -487,5 +487,5 @@ def main() -> None:
 if __name__ == "__main__":
     try:
         main()
-    except FeltmbError as error:
+    except Error as error:
         sys.exit(str(error))

@@ -7,8 +7,8 @@ namespace feltmb::python {
 
 void bind_error(py::module_& m) {
   // The exception classes live in Python, so that they can inherit from ValueError too.
-  py::module_ errors = py::module_::import("feltmb.errors");
-  static py::object base = errors.attr("FeltmbError");
+  py::module_ errors = py::module_::import("unmodeled.errors");
+  static py::object base = errors.attr("Error");
   static py::object parameter = errors.attr("InvalidParameter");
   static py::object model = errors.attr("ModelError");
   // Never destroyed: the interpreter may be gone when statics are.

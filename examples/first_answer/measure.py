@@ -13,6 +13,7 @@ import pandas as pd
 from cart import cart
 
 import feltmb
+import unmodeled
 
 
 def waves(seed, time, size, low=2.0, high=15.0):
@@ -71,7 +72,7 @@ def write_pendulum():
 
 def write_servo():
     """The gear of the servo has a clearance of 20 mrad and a friction of 0.3 N m."""
-    servo = feltmb.mujoco("servo.xml").mjcf
+    servo = unmodeled.mujoco("servo.xml").mjcf
     time = np.arange(300) * 5e-3
     for k in range(3):
         angle, random = waves(30 + k, time, 0.13)

@@ -3,7 +3,7 @@
 from show import Found, show
 
 import feltmb
-from feltmb.style import BLUE, GRAY, new_figure, style_axes
+from unmodeled.style import BLUE, GRAY, new_figure, style_axes
 
 PARTS = {
     "all parts": {},

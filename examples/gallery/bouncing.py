@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from show import Found, show
 
 from feltmb.contact import law
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 MASS, DAMPING = 9e-3, 0.4  # kg, s/m
 SPEEDS = np.array([0.25, 0.5, 1.0, 2.0, 3.0])  # m/s

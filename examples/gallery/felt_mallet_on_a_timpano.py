@@ -12,7 +12,7 @@ from scipy.special import jn_zeros, jv
 from show import Found, show
 
 from feltmb.contact import law
-from feltmb.style import BLUE, GREEN, RED, new_figure, style_axes
+from unmodeled.style import BLUE, GREEN, RED, new_figure, style_axes
 
 RADIUS, TENSION, DENSITY = 0.328, 4000.0, 0.262  # m, N/m, kg/m^2
 MASS, SPEED, STRIKE = 0.030, 2.0, 0.75  # kg, m/s, part of the radius

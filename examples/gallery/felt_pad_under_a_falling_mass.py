@@ -13,7 +13,7 @@ from scipy.optimize import brentq
 from show import Found, placed, show
 
 import feltmb
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 PAD = Path(__file__).with_name("falling_mass.toml")
 MASS, HEIGHT, GRAVITY = 0.2, 0.05, 9.81  # kg, m, m/s^2

@@ -13,7 +13,7 @@ from show import Found, placed, show
 
 import feltmb
 from feltmb.contact import law
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 STOP = Path(__file__).with_name("falling_mass.toml")
 PUSH, DISTANCE = 5.0, 0.010  # N, m

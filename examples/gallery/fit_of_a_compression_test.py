@@ -11,7 +11,7 @@ import numpy as np
 from show import Found, show
 
 from feltmb import felt, fiber
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 DATA = Path(__file__).resolve().parents[1] / "tutorial"
 

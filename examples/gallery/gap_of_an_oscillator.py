@@ -7,9 +7,9 @@ dashpot, and the effects of the library. The diagnosis should name the friction 
 import numpy as np
 from show import Found, show
 
-from feltmb.data import Record, Sensor
-from feltmb.gap import Coordinate, Equations, Parameter, State, diagnose, library
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled import Coordinate, Equations, Parameter, State, diagnose, library
+from unmodeled.data import Record, Sensor
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 FRICTION, NOISE = 0.8, 2e-5  # N, m
 

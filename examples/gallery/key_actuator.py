@@ -8,7 +8,7 @@ import numpy as np
 from show import Found, show
 
 from feltmb.action.actuator import load_actuator, simulate_actuator
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 
 def compute() -> Found:

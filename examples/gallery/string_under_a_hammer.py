@@ -11,7 +11,7 @@ import numpy as np
 from show import Found, placed, show
 
 import feltmb
-from feltmb.style import BLUE, RED, new_figure, style_axes
+from unmodeled.style import BLUE, RED, new_figure, style_axes
 
 TENSION, DENSITY, LENGTH = 654.0, 5.98e-3, 0.6315  # N, kg/m, m
 STRIKE, SPEED = LENGTH / 8.0, 2.0  # m, m/s

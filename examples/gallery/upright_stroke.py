@@ -7,7 +7,7 @@ closes.
 from show import Found, show
 
 import feltmb
-from feltmb.style import BLUE, GREEN, RED, new_figure, style_axes
+from unmodeled.style import BLUE, GREEN, RED, new_figure, style_axes
 
 
 def compute() -> Found:

@@ -8,7 +8,7 @@ import numpy as np
 from show import Found, show
 
 from feltmb import fiber
-from feltmb.style import BLUE, GREEN, RED, new_figure, style_axes
+from unmodeled.style import BLUE, GREEN, RED, new_figure, style_axes
 
 V0, E, DIAMETER = 0.132, 2.5e9, 25e-6  # -, Pa, m
 SLIDING = {"mu": 0.35, "E": E, "d_f": DIAMETER, "v_f0": V0, "gamma": 1.3, "k_bend": 0.64}

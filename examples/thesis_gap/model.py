@@ -12,14 +12,14 @@ from pathlib import Path
 
 import numpy as np
 
-from feltmb import FeltmbError, _core, load_action, simulate
+from feltmb import Error, _core, load_action, simulate
 from feltmb.adapters import Entry, effect_of, load_library
 from feltmb.adapters.changes import changed_config
 from feltmb.adapters.effects import parameter_of
 from feltmb.adapters.simulator import Workshop
-from feltmb.gap import Model
 from feltmb.run.strikes import ONE_STRIKE
 from feltmb.run.stroke import load_stroke
+from unmodeled import Model
 
 FILE = tomllib.loads((Path(__file__).parent / "table_4_3.toml").read_text(encoding="utf-8"))
 ROWS = {row["name"]: row for row in FILE["records"]}
@@ -91,7 +91,7 @@ class Impacts(Model):
                     break
                 factor *= speed / found["impact_speed"]
             return found
-        except (FeltmbError, RuntimeError):
+        except (Error, RuntimeError):
             return {}
 
     def _run(self, v, stroke, state, memory, duration):

@@ -27,14 +27,14 @@ Piano actions
     actuator
 Felt
     felt: materials, identification, audit; fiber: fiber networks; contact: contact laws
-Your own models and measurements
-    Simulator (a function), Equations, fmu, mujoco, each with fit(records) and diagnose(records);
-    read, Record, records_from_frame; data: records and sensors; fit: models and priors; gap:
-    diagnosis of the difference between a model and measurements; adapters: mechanisms as models
+Measurements
+    action.diagnose(records), action.fit(records); gap: the diagnosis of mechanisms. The package
+    unmodeled has the rest: read, Record, your own simulators, FMUs, MuJoCo models, equations
+    adapters: mechanisms as models
 Co-simulation
     export_fmu
 Errors
-    FeltmbError, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
+    Error, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
 
 Everything is imported at its first use, so that ``import feltmb`` is fast.
 """
@@ -47,23 +47,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from types import FrameType
 
-    from feltmb import adapters, contact, data, felt, fiber, fit, gap
+    from feltmb import adapters, contact, felt, fiber
     from feltmb._core import __version__
     from feltmb.action.regulate import Regulation, load_targets, regulate
     from feltmb.action.repetition import Repetition, repeat
     from feltmb.action.symptoms import symptom
     from feltmb.action.touch import Touch, touch
     from feltmb.action.wearing import Wear, wear
-    from feltmb.data import Record, read, records_from_frame
-    from feltmb.errors import (
-        DataError,
-        FeltmbError,
-        FileExists,
-        IntegrationError,
-        InvalidParameter,
-        ModelError,
-    )
-    from feltmb.fit import Equations, Simulator, fmu, mujoco
+    from feltmb.errors import IntegrationError
     from feltmb.graphics.viewer import view
     from feltmb.mechanism import Action, load_action, packaged_actions
     from feltmb.run.fmu import export_fmu
@@ -85,13 +76,13 @@ if TYPE_CHECKING:
         torque_stroke,
     )
     from feltmb.run.sweep import sweep
+    from unmodeled.errors import DataError, Error, FileExists, InvalidParameter, ModelError
 
 __all__ = [
     "Action",
     "DataError",
-    "Equations",
+    "Error",
     "Evaluation",
-    "FeltmbError",
     "FileExists",
     "Gradient",
     "IntegrationError",
@@ -99,25 +90,20 @@ __all__ = [
     "Machine",
     "MachineState",
     "ModelError",
-    "Record",
     "Regulation",
     "Repetition",
     "Run",
     "RunOptions",
-    "Simulator",
     "Stroke",
     "Touch",
     "Wear",
     "__version__",
     "adapters",
     "contact",
-    "data",
     "evaluate",
     "export_fmu",
     "felt",
     "fiber",
-    "fit",
-    "fmu",
     "gap",
     "gradient",
     "load_action",
@@ -125,14 +111,11 @@ __all__ = [
     "load_stroke",
     "load_targets",
     "motion_stroke",
-    "mujoco",
     "packaged_actions",
     "packaged_strokes",
     "pulse_stroke",
     "ramp_stroke",
-    "read",
     "read_stroke_csv",
-    "records_from_frame",
     "regulate",
     "repeat",
     "sequence",
@@ -146,14 +129,13 @@ __all__ = [
     "wear",
 ]
 
-#: module -> its public names that the package imports at their first use
+#: module (below feltmb, or with its whole name) -> names that are imported at their first use
 _LAZY = {
     "_core": "__version__",
     "mechanism": "Action load_action packaged_actions",
-    "data": "Record read records_from_frame",
-    "errors": "DataError FeltmbError FileExists IntegrationError InvalidParameter ModelError",
+    "errors": "IntegrationError",
+    "unmodeled.errors": "DataError Error FileExists InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
-    "fit": "Equations Simulator fmu mujoco",
     "run.fmu": "export_fmu",
     "action.repetition": "Repetition repeat",
     "run.machine": "Machine MachineState",
@@ -178,16 +160,13 @@ _MODULES = {
     "animate": "graphics.animate",
     "batch": "run.batch",
     "contact": "contact",
-    "data": "data",
     "felt": "felt",
     "fiber": "fiber",
-    "fit": "fit",
     "gap": "gap",
     "graph": "graphics.graph",
     "parameters": "mechanism.parameters",
     "plot": "graphics.plot",
     "sensitivity": "run.sensitivity",
-    "units": "units",
     "viewer": "graphics.viewer",
 }
 
@@ -197,7 +176,9 @@ def __getattr__(name: str) -> object:
     import importlib
 
     if name in _HOME:
-        value = getattr(importlib.import_module(f"feltmb.{_HOME[name]}"), name)
+        home = _HOME[name]
+        module = home if home.startswith("unmodeled.") else f"feltmb.{home}"
+        value = getattr(importlib.import_module(module), name)
         globals()[name] = value
         return value
     if name in _MODULES:

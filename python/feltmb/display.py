@@ -6,7 +6,7 @@ import html
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
-from feltmb.above import above
+from unmodeled.lazy import lazy_import
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,4 +43,4 @@ def html_table(title: str, head: Sequence[str], rows: Iterable[Sequence[object]]
 
 def picture(name: str, *arguments: Any) -> Figure:
     """Figure of the function ``name`` in ``feltmb.graphics.plot``."""
-    return cast("Figure", above("graphics.plot", name)(*arguments))
+    return cast("Figure", lazy_import(f"feltmb.graphics.plot:{name}")(*arguments))

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 
 import feltmb
 from feltmb.cli import cli, main
-from feltmb.errors import FeltmbError
+from unmodeled.errors import Error
 
 
 def refused(call, *parts):
@@ -25,7 +25,7 @@ def refusal(*arguments):
     """Message of a command that is refused."""
     done = command(*arguments)
     assert done.exit_code != 0
-    assert isinstance(done.exception, (FeltmbError, SystemExit)), done.exception
+    assert isinstance(done.exception, (Error, SystemExit)), done.exception
     return str(done.exception) + done.output
 
 

@@ -1,11 +1,11 @@
 """Every reader of a file, by the ending of the file."""
 
 import feltmb
-from feltmb.data import read_record
 from feltmb.fiber import read_compression
-from feltmb.files import access as files
 from feltmb.graphics.viewer import read_curves
 from feltmb.run.stroke import load_stroke
+from unmodeled.data import read_record
+from unmodeled.files import access as files
 
 READERS = {
     ".toml": [

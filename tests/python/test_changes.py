@@ -13,11 +13,11 @@ import pytest
 import feltmb
 from feltmb import _core
 from feltmb.adapters import load_library
-from feltmb.fit import Coordinate
-from feltmb.gap import library
 from feltmb.graphics import plot
 from feltmb.graphics.viewer.content import default_panels
 from feltmb.run.reading import striker_speed
+from unmodeled import library
+from unmodeled.fit import Coordinate
 
 PART = Coordinate(name="slide", position="q", speed="v", inertia="m")
 ROOT = Path(__file__).resolve().parents[2]
@@ -168,8 +168,8 @@ def test_a_generic_effect_is_one_file(tmp_path):
     assert touched == ["python/feltmb/gap/library/magnets.py"]
     said = run_in(
         tmp_path,
-        "from feltmb.fit import Coordinate\n"
-        "from feltmb.gap import library\n"
+        "from unmodeled.fit import Coordinate\n"
+        "from unmodeled import library\n"
         "part = Coordinate(name='slide', position='q', speed='v', inertia='m')\n"
         "for e in library.for_coordinate(part, force=2.0, travel=0.1, speed=1.0):\n"
         "    print(e.name, e.scale)\n",
@@ -202,8 +202,8 @@ with open(made, "w") as file:
 RUN_PROGRAM = """
 import sys
 import numpy as np
-from feltmb.fit.program import program
-from feltmb.gap import Record
+from unmodeled.fit.program import program
+from unmodeled import Record
 
 model = program(
     [sys.executable, "-S", "cart.py"],

@@ -1,10 +1,14 @@
 """An installed feltmb can be used by a C++ project of somebody else."""
 
+import json
 import re
+import shutil
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
+import pybind11
 import pytest
 
 from feltmb.contact import law
@@ -23,6 +27,30 @@ def run(*command: str | Path) -> str:
     )
     assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}"
     return done.stdout
+
+
+@pytest.mark.skipif(shutil.which("cmake") is None, reason="needs CMake")
+def test_every_file_is_compiled_with_the_arithmetic_of_the_core(tmp_path):
+    """Bindings, tests and projects of others compile the laws of the headers, too."""
+    library, prefix, consumer = tmp_path / "library", tmp_path / "prefix", tmp_path / "consumer"
+    options = ["-DFELTMB_PYTHON=ON", f"-Dpybind11_DIR={pybind11.get_cmake_dir()}"]
+    run("cmake", "-S", ROOT, "-B", library, f"-DPython_EXECUTABLE={sys.executable}", *options)
+    # Nothing is compiled: an empty file stands for the library.
+    (library / "cpp" / "libfeltmb.a").touch()
+    run("cmake", "--install", library, "--prefix", prefix, "--component", "cpp")
+    source, found = ROOT / "tests" / "cmake_consumer", f"-DCMAKE_PREFIX_PATH={prefix}"
+    run("cmake", "-S", source, "-B", consumer, found, "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")
+    commands = [
+        entry
+        for folder in (library, consumer)
+        for entry in json.loads((folder / "compile_commands.json").read_text())
+    ]
+    files = " ".join(entry["file"] for entry in commands)
+    for part in ("bindings", "cpp/fmu", "tests/cpp", "bench/speed", "cmake_consumer"):
+        assert part in files
+    for entry in commands:
+        assert "-ffp-contract=off" in entry["command"], entry["file"]
+        assert "-fno-math-errno" in entry["command"], entry["file"]
 
 
 @pytest.mark.slow

@@ -13,9 +13,9 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments above files display figure style tables"
-MODEL = f"{GROUND} _core params fiber contact mechanism"
-RUN = f"{MODEL} data run"
+GROUND = "errors units arguments lazy files figure style tables"
+MODEL = "errors _core params fiber contact mechanism display"
+RUN = f"{MODEL} run"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
 # A new folder or module gets a line here; what points back is refused.
@@ -36,39 +36,55 @@ MAY_USE = {
         "fmu": "core numeric fiber contact beam modal ode planar model",
         "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },
-    # A mechanism and a stroke become a run. What works on records and models (fit, gap) has never
-    # heard of a mechanism and serves any simulator; adapters are the bridge.
-    "Python": {
+    # It knows models and records, and has never heard of a mechanism.
+    "unmodeled": {
         "errors": "",
-        "above": "",
+        "lazy": "",
         "arguments": "errors",
         "units": "errors arguments",
         "files": "errors",
         "blas": "",
-        "display": "above",
         "figure": "",
         "tables": "errors",
         "style": "errors figure",
-        "_core": "",
-        "params": "errors files units",
         "data": GROUND,
-        "fiber": f"{GROUND} _core params data",
-        "contact": f"{GROUND} _core fiber",
-        "mechanism": f"{GROUND} _core params fiber contact",
+        "fit": f"{GROUND} data",
+        "library": f"{GROUND} data fit",
+        "search": f"{GROUND} data fit library",
+        "report": f"{GROUND} data fit search",
+        "diagnosis": f"{GROUND} blas data fit library search report",
+        "blind": f"{GROUND} blas data fit library search diagnosis",
+        "experiment": f"{GROUND} data fit library search",
+        "loading": f"{GROUND} data fit library search experiment",
+        "__init__": f"{GROUND} data fit library search report experiment diagnosis blind loading",
+        "cli": f"{GROUND} blas data fit library search report experiment diagnosis blind loading "
+        "__init__",
+        "__main__": "cli",
+    },
+    # A mechanism and a stroke become a run; adapters make a mechanism a model of unmodeled.
+    "feltmb": {
+        "errors": "",
+        "display": "",
+        "_core": "",
+        "params": "",
+        "fiber": "_core params",
+        "contact": "_core fiber",
+        "mechanism": "_core params fiber contact display",
         "felt": RUN,
-        "run": f"{MODEL} data",
-        "fit": f"{GROUND} blas data",
-        "gap": f"{GROUND} blas data fit",
-        "experiment": f"{GROUND} data fit gap",
-        "adapters": f"{RUN} fit",
-        "action": f"{RUN} fit gap adapters graphics",
+        "run": MODEL,
+        "adapters": RUN,
+        "gap": "",
+        "keyboard": f"{RUN} action graphics",
+        "extension": f"{RUN} adapters cli",
+        "action": f"{RUN} adapters graphics",
         "graphics": RUN,
-        "live": f"{RUN} fit gap experiment adapters action graphics __init__",
-        "__init__": f"{RUN} felt fit gap experiment adapters action graphics",
-        "cli": f"{RUN} blas felt fit gap experiment adapters action graphics live __init__",
+        "live": f"{RUN} adapters action graphics __init__",
+        "__init__": f"{RUN} felt adapters action graphics gap",
+        "cli": f"{RUN} felt adapters action graphics keyboard live __init__",
         "__main__": "cli",
     },
 }
+PACKAGES = {"feltmb": Path("python/feltmb"), "unmodeled": Path("unmodeled/src/unmodeled")}
 
 # Libraries that only some parts of the core may include.
 ONLY_IN = {
@@ -170,17 +186,20 @@ def parsed(file: Path) -> ast.Module:
 
 
 def python_faults(root: Path) -> Iterator[str]:
-    package = root / "python" / "feltmb"
-    for file in sorted(package.rglob("*.py")):
-        path = file.relative_to(root)
-        module = ["feltmb", *file.relative_to(package).with_suffix("").parts]
-        user = module[1]
-        yield from check_use("Python", str(path), user, user)
-        for name in imported_names(parsed(file), module):
-            if name[0] != "feltmb":
-                continue
-            inside = len(name) > 1 and (name[1] in MAY_USE["Python"] or is_part(package, name[1]))
-            yield from check_use("Python", str(path), user, name[1] if inside else "__init__")
+    for package, folder in PACKAGES.items():
+        table = MAY_USE[package]
+        for file in sorted((root / folder).rglob("*.py")):
+            path = str(file.relative_to(root))
+            module = [package, *file.relative_to(root / folder).with_suffix("").parts]
+            user = module[1]
+            yield from check_use(package, path, user, user)
+            for name in imported_names(parsed(file), module):
+                if package == "unmodeled" and name[0] == "feltmb":
+                    yield f"{path}: unmodeled may not use feltmb"
+                if name[0] != package:
+                    continue
+                inside = len(name) > 1 and (name[1] in table or is_part(root / folder, name[1]))
+                yield from check_use(package, path, user, name[1] if inside else "__init__")
 
 
 def is_part(package: Path, name: str) -> bool:
@@ -230,9 +249,9 @@ def test_table_has_no_cycle_and_no_unknown_part(language):
 
 
 def test_every_part_of_the_table_exists():
-    package = ROOT / "python" / "feltmb"
-    names = {p.stem for p in package.iterdir()} | {"__init__"}
-    assert set(MAY_USE["Python"]) <= names
+    for package, folder in PACKAGES.items():
+        names = {p.stem for p in (ROOT / folder).iterdir()} | {"__init__"}
+        assert set(MAY_USE[package]) <= names
     folders = {p.name for top in ("include/feltmb", "src") for p in (ROOT / "cpp" / top).iterdir()}
     assert set(MAY_USE["C++"]) <= folders | {"bindings", "fmu", "bench"}
 
@@ -243,7 +262,7 @@ def imports_of_modules(package: Path) -> dict[str, set[str]]:
     Packages count as what they re-export only where a module imports from the package itself.
     """
     files = {
-        ".".join(("feltmb", *file.relative_to(package).with_suffix("").parts)).removesuffix(
+        ".".join((package.name, *file.relative_to(package).with_suffix("").parts)).removesuffix(
             ".__init__"
         ): file
         for file in package.rglob("*.py")
@@ -258,12 +277,13 @@ def imports_of_modules(package: Path) -> dict[str, set[str]]:
                 names = [n if n in files else node.module for n in names]
             elif isinstance(node, ast.Import):
                 names = [alias.name for alias in node.names]
-            found[module] |= {n for n in names if n in files and n not in (module, "feltmb")}
+            found[module] |= {n for n in names if n in files and n not in (module, package.name)}
     return found
 
 
-def test_modules_have_no_circle():
-    graph = imports_of_modules(ROOT / "python" / "feltmb")
+@pytest.mark.parametrize("package", PACKAGES)
+def test_modules_have_no_circle(package):
+    graph = imports_of_modules(ROOT / PACKAGES[package])
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as circle:
@@ -271,10 +291,12 @@ def test_modules_have_no_circle():
 
 
 def test_circle_is_found(tmp_path):
-    (tmp_path / "a.py").write_text("def f():\n    from feltmb.b import x")
-    (tmp_path / "b.py").write_text("if TYPE_CHECKING:\n    from feltmb.a import y")
+    package = tmp_path / "feltmb"
+    package.mkdir()
+    (package / "a.py").write_text("def f():\n    from feltmb.b import x")
+    (package / "b.py").write_text("if TYPE_CHECKING:\n    from feltmb.a import y")
     with pytest.raises(graphlib.CycleError):
-        graphlib.TopologicalSorter(imports_of_modules(tmp_path)).prepare()
+        graphlib.TopologicalSorter(imports_of_modules(package)).prepare()
 
 
 def none(faults: Iterator[str]) -> None:
@@ -314,13 +336,15 @@ def test_no_machine_path_no_package_host_and_no_replaced_word():
         ),
         ("cpp/include/feltmb/ode/a.hpp", "#include <cvodes/cvodes.h>", "an installed library"),
         ("cpp/src/planar/a.cpp", "#include <cvodes/cvodes.h>", "only ode may include"),
-        ("python/feltmb/fit.py", "from feltmb.mechanism import Config", 'not use "mechanism"'),
-        ("python/feltmb/gap/a.py", "from ..run import simulate", 'not use "run"'),
-        ("python/feltmb/gap/__init__.py", "from .. import mechanism", 'not use "mechanism"'),
-        ("python/feltmb/gap/a.py", "def f():\n    import feltmb.cli", 'not use "cli"'),
-        ("python/feltmb/style.py", "from feltmb import Config", 'not use "__init__"'),
+        ("python/feltmb/run/a.py", "from feltmb.adapters import model", 'not use "adapters"'),
+        ("python/feltmb/fiber/a.py", "from ..run import simulate", 'not use "run"'),
+        ("python/feltmb/run/__init__.py", "from .. import adapters", 'not use "adapters"'),
+        ("python/feltmb/run/a.py", "def f():\n    import feltmb.cli", 'not use "cli"'),
+        ("python/feltmb/errors.py", "from feltmb import Config", 'not use "__init__"'),
         ("python/feltmb/knit/a.py", "", 'part "knit" is unknown; add it'),
-        ("python/feltmb/style.py", "import feltmb.knit", 'not use "__init__"'),
+        ("python/feltmb/errors.py", "import feltmb.knit", 'not use "__init__"'),
+        ("unmodeled/src/unmodeled/fit/a.py", "from ..search import fit", 'not use "search"'),
+        ("unmodeled/src/unmodeled/fit/a.py", "from feltmb.run import Run", "may not use feltmb"),
     ],
 )
 def test_fault_is_found(tmp_path, path, text, fault):
@@ -340,7 +364,8 @@ def test_fault_is_found(tmp_path, path, text, fault):
         ("cpp/src/ode/a.cpp", "#include <cvodes/cvodes.h>"),
         ("cpp/bindings/a.cpp", '#include "a.hpp"\n#include <pybind11/numpy.h>'),
         ("bench/speed/a.cpp", "#include <feltmb/batch/b.hpp>"),
-        ("python/feltmb/gap/a.py", "from .b import x\nfrom ..fit import Fit\nimport numpy"),
+        ("python/feltmb/run/a.py", "from .b import x\nfrom ..mechanism import M\nimport numpy"),
+        ("unmodeled/src/unmodeled/search/a.py", "from ..fit import Fit\nimport numpy"),
         ("python/feltmb/cli/a.py", "from feltmb import __version__, simulate"),
         ("python/feltmb/errors.py", "if TYPE_CHECKING:\n    from feltmb.run.results import Run"),
         ("python/feltmb/__init__.py", "from .run import x\nfrom . import graphics"),

@@ -22,10 +22,10 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     from feltmb.action.actuator.model import ActuatorFile
     from feltmb.action.regulate import Targets
     from feltmb.adapters.library import LibraryFile
-    from feltmb.data.sheet import Sheet
     from feltmb.fiber.material import FeltMaterial
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import StrokeFile
+    from unmodeled.data.sheet import Sheet
 
     return [
         ("Mechanism", "[Mechanism files](../mechanism_files.md) explain the keys.", MechanismFile),

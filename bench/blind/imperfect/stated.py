@@ -1,6 +1,6 @@
 """What an engineer states of each machine: a model, its tolerances, and the generic candidates.
 
-These are models of :mod:`feltmb.gap` with the effects of its library at their default scales.
+These are models of :mod:`unmodeled` with the effects of its library at their default scales.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from blind.imperfect.generate import Table
-from feltmb.gap import (
+from unmodeled import (
     Coordinate,
     Coupling,
     Effect,

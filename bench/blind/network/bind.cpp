@@ -159,9 +159,9 @@ void bind_network(py::module_& m) {
 
 PYBIND11_MODULE(_network, m) {
   m.doc() = "Networks of lumped masses; see lumped.py.";
-  // As in the core, exceptions are those of Python's feltmb.errors; never destroyed.
+  // As in the core, exceptions are those of Python's unmodeled.errors; never destroyed.
   static PyObject* invalid =
-      py::object(py::module_::import("feltmb.errors").attr("InvalidParameter")).release().ptr();
+      py::object(py::module_::import("unmodeled.errors").attr("InvalidParameter")).release().ptr();
   py::register_local_exception_translator([](std::exception_ptr p) {
     try {
       if (p) std::rethrow_exception(p);

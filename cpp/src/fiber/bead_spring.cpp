@@ -241,7 +241,7 @@ BeadSpringNetwork::BeadSpringNetwork(const BeadSpringParams& params, const BeadS
   expect("books", state.books.size(), 5);
   expect("contact_springs", state.contact_springs.size(), state.contact_pairs.size() / 2 * 3);
   const auto finite = [&](const char* name, const std::vector<double>& values) {
-    if (!std::ranges::all_of(values, [](double value) { return std::isfinite(value); })) {
+    if (!std::all_of(values.begin(), values.end(), [](double x) { return std::isfinite(x); })) {
       faults.add_text(format("%s holds a number that is not finite", name));
     }
   };

@@ -463,12 +463,12 @@ std::unique_ptr<const CompressionLaw> make_law(const std::string& name, const Va
   for (const LawParameter& p : description.parameters) {
     known += (known.empty() ? "" : ", ") + p.name;
   }
-  for (const auto& [key, value] : parameters) {
+  for (const auto& given : parameters) {
     const bool found = std::any_of(description.parameters.begin(), description.parameters.end(),
-                                   [&](const LawParameter& p) { return p.name == key; });
+                                   [&](const LawParameter& p) { return p.name == given.first; });
     if (!found) {
-      faults.add_text(format("unknown parameter \"%s\" = %.6g, expected only %s", key.c_str(),
-                             value, known.c_str()));
+      faults.add_text(format("unknown parameter \"%s\" = %.6g, expected only %s",
+                             given.first.c_str(), given.second, known.c_str()));
     }
   }
   for (const LawParameter& p : description.parameters) {

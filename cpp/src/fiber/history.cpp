@@ -292,10 +292,12 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
   for (const LawParameter& p : description->parameters) {
     known += (known.empty() ? "" : ", ") + p.name;
   }
-  for (const auto& [key, value] : parameters) {
+  for (const auto& given : parameters) {
     const bool found = std::any_of(description->parameters.begin(), description->parameters.end(),
-                                   [&](const LawParameter& p) { return p.name == key; });
-    if (!found) faults.add_text("unknown parameter \"" + key + "\", expected only " + known);
+                                   [&](const LawParameter& p) { return p.name == given.first; });
+    if (!found) {
+      faults.add_text("unknown parameter \"" + given.first + "\", expected only " + known);
+    }
   }
   const bool many_units = name == "dunlop" || name == "stamm_kelvin" || name == "maxwell";
   for (const LawParameter& p : description->parameters) {

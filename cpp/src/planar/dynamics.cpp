@@ -534,9 +534,8 @@ double Dynamics::strap_energy(int index) const {
   const Strap& strap = m_->straps[at(index)];
   const double e = norm(position(strap.b) - position(strap.a)) - strap.free_length;
   if (e <= strap.slack || e <= 0.0) return 0.0;
-  const auto [k1, k2, k3] = strap.coefficients;
-  const auto primitive = [&](double x) {
-    return x * x * (k1 / 2.0 + x * (k2 / 3.0 + x * k3 / 4.0));
+  const auto primitive = [&k = strap.coefficients](double x) {
+    return x * x * (k[0] / 2.0 + x * (k[1] / 3.0 + x * k[2] / 4.0));
   };
   return primitive(e) - primitive(std::max(0.0, strap.slack));
 }

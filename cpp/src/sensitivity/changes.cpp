@@ -99,9 +99,11 @@ void compare_strings(const Mechanism& a, const Mechanism& b, Changes& out) {
   for (std::size_t i = 0; i < a.strings.size(); ++i) {
     const AttachedString& one = a.strings[i];
     const AttachedString& other = b.strings[i];
-    out.strings = out.strings ||
-                  !std::ranges::equal(one.string.stiffness(), other.string.stiffness()) ||
-                  !std::ranges::equal(one.string.damping(), other.string.damping());
+    const auto differ = [](const auto& x, const auto& y) {
+      return !std::equal(x.begin(), x.end(), y.begin(), y.end());
+    };
+    out.strings = out.strings || differ(one.string.stiffness(), other.string.stiffness()) ||
+                  differ(one.string.damping(), other.string.damping());
     out.shapes = out.shapes || one.string.parameters().length != other.string.parameters().length ||
                  one.string.shape_scale() != other.string.shape_scale();
   }

@@ -15,7 +15,6 @@ constexpr double kGamma = 0.43586652150845899942;
 constexpr double kC[3] = {kGamma, 0.5 * (1.0 + kGamma), 1.0};
 constexpr double kB1 = -0.25 * (6.0 * kGamma * kGamma - 16.0 * kGamma + 1.0);
 constexpr double kB2 = 0.25 * (6.0 * kGamma * kGamma - 20.0 * kGamma + 5.0);
-constexpr double kB[3] = {kB1, kB2, kGamma};
 constexpr double kA21 = 0.5 * (1.0 - kGamma);
 // Order two with the first two stages only, for the error.
 constexpr double kE2 = (0.5 - kC[0]) / (kC[1] - kC[0]);

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from feltmb.action.touch import StaticTouch, distances, static_touch
 from feltmb.adapters import Entry, Library, action_with_effects, load_library
 from feltmb.adapters.findings import bodies_at, points_at
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import is_folder, read_input, read_json, write_file, write_text
 from feltmb.mechanism import Action, load_action
-from feltmb.units import readable_unit
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import is_folder, read_input, read_json, write_file, write_text
+from unmodeled.units import readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +30,7 @@ __all__ = ["CustomerPage", "customer_page"]
 GRAM = 9.80665e-3  # N, weight of one gram
 PAPER = (8.27, 11.69)  # inches, A4
 LARGEST_PHOTO = 50_000_000  # bytes
-FORMAT = "feltmb diagnosis"
+FORMAT = "unmodeled diagnosis"
 #: Change of a weight that is told [g].
 FELT = 0.5
 
@@ -76,7 +76,7 @@ class CustomerPage:
             return static_touch(self.before), after
         except InvalidParameter:
             raise
-        except FeltmbError:  # so far from regulated that it has no weights
+        except Error:  # so far from regulated that it has no weights
             return None, after
 
     @cached_property
@@ -95,15 +95,17 @@ class CustomerPage:
 
     def figure(self) -> Figure:
         """The page as a figure of the size of a sheet."""
-        from feltmb.style import GRAY, INK, new_figure
+        from unmodeled.style import GRAY, INK, new_figure, plain_text
 
         figure = new_figure(*PAPER)
         figure.set_layout_engine("none")
         top = 0.955
         if self.workshop:
-            figure.text(0.08, top, self.workshop, size=10, color=GRAY, va="top")
+            workshop = plain_text(self.workshop)
+            figure.text(0.08, top, workshop, size=10, color=GRAY, va="top")
             top -= 0.028
-        figure.text(0.08, top, self.title, size=17, weight="bold", color=INK, va="top")
+        title = plain_text(self.title)
+        figure.text(0.08, top, title, size=17, weight="bold", color=INK, va="top")
         lines = _folded(self.sentences, 84)
         figure.text(0.08, top - 0.045, lines, size=11, color=INK, va="top", linespacing=1.45)
         bottom = top - 0.06 - 0.0205 * (lines.count("\n") + 1)
@@ -125,7 +127,7 @@ class CustomerPage:
     def draw(self, ax: Axes) -> None:
         """Draw the mechanism with the guilty parts colored."""
         from feltmb.graphics.plot.portrait import sketch
-        from feltmb.style import RED
+        from unmodeled.style import RED
 
         # A felt between two parts: the ring shows it, the parts are pale.
         sketch(ax, self.after, dict.fromkeys(self.bodies, 0.25 if self.points else 0.75))
@@ -134,7 +136,7 @@ class CustomerPage:
 
     def curve(self, ax: Axes) -> None:
         """Draw the force at the key against its travel, before and after."""
-        from feltmb.style import BLUE, RED, style_axes
+        from unmodeled.style import BLUE, RED, style_axes
 
         before, after = self.touches
         same = self.before is self.after
@@ -144,15 +146,21 @@ class CustomerPage:
             if touch is None:
                 continue
             label = "as it is" if same else name
-            down, up = touch.press, touch.release
-            ax.plot(1e3 * down.travel, down.force / GRAM, color=color, lw=2, label=f"{label}: down")
-            ax.plot(1e3 * up.travel, up.force / GRAM, color=color, lw=1.2, ls="--",
-                    label=f"{label}: up")  # fmt: skip
-            most = max(most, 3.0 * touch.down_weight / GRAM)
+            # The told weights are means of these curves: the damper does not take part.
+            down, up = touch.lifted_press, touch.lifted_release
+            for path, mean, what, style in ((down, touch.down_weight, "goes down with", "-"),
+                                            (up, touch.up_weight, "lifts", "--")):  # fmt: skip
+                weight = f"{label}: {what} {mean / GRAM:.0f} g"
+                ax.plot(1e3 * path.travel, path.force / GRAM, color=color, lw=1.8, ls=style,
+                        label=weight)  # fmt: skip
+                low, high = (1e3 * w for w in touch.window)
+                ax.hlines(mean / GRAM, low, high, color=color, lw=0.8, ls=":")
+            most = max(most, 2.2 * touch.down_weight / GRAM)
         ax.set_ylim(0.0, most)
         ax.set_xlim(left=0.0)
-        style_axes(ax, "travel of the key [mm]", "weight at the key [g]", "What the hand feels")
-        ax.legend(frameon=False, loc="upper left")
+        title = "What the hand feels, with the damper lifted; dotted: mean"
+        style_axes(ax, "travel of the key [mm]", "weight at the key [g]", title)
+        ax.legend(frameon=False, loc="upper left", ncols=2)
 
     def html(self) -> str:
         """The page as HTML that loads nothing and prints on one sheet."""
@@ -160,9 +168,9 @@ class CustomerPage:
 
         from markupsafe import Markup
 
-        from feltmb.gap.figures import svg
-        from feltmb.gap.report import render_page
-        from feltmb.style import new_figure
+        from unmodeled.report import render_page
+        from unmodeled.report.figures import svg
+        from unmodeled.style import new_figure
 
         pictures = []
         for name, draw, size in (
@@ -210,8 +218,8 @@ class CustomerPage:
 
 
 def _folded(texts: Sequence[str], width: int) -> str:
-    from feltmb.style import plain_text
-    from feltmb.tables import folded_text
+    from unmodeled.style import plain_text
+    from unmodeled.tables import folded_text
 
     return plain_text("\n".join(folded_text(text, width) for text in texts))
 
@@ -247,7 +255,8 @@ class _Cause:
     def plain(self) -> str:
         """What is wrong, with the label of a contact instead of its number."""
         number, mark, label = self.component.partition(", ")
-        text = self.mechanism or self.component
+        part = self.entry.part if self.entry is not None else ""
+        text = self.mechanism or f"{part or f'The {self.component}'} is not as its table says"
         if mark and number.startswith("contact"):
             text = text.replace(number, label)
         return text[:1].upper() + text[1:]
@@ -386,7 +395,9 @@ def customer_page(
     if after is not None:
         healthy = load_action(after) if isinstance(after, str) else after
     bodies, points = _guilty(base, causes)
-    remedies = tuple(dict.fromkeys(c.remedy for c in causes if c.remedy))
+    remedies = tuple(dict.fromkeys(c.remedy or f"Check the {c.component}." for c in causes))
+    if not causes:
+        remedies = (_UNCLEAR if data["verdict"] == "UNKNOWN" else _NOTHING,)
     return CustomerPage(
         title=title,
         workshop=workshop,
@@ -399,6 +410,11 @@ def customer_page(
         done=bool(done),
         photo=photo,
     )
+
+
+#: Work without a cause.
+_NOTHING = "Nothing needs to be done."
+_UNCLEAR = "Look at the whole action by hand, regulate it, and measure again."
 
 
 def finding(data: Mapping[str, Any], library: Library | None) -> str:
@@ -433,7 +449,10 @@ def _found(causes: Sequence[_Cause], candidates: bool, verdict: str) -> str:
 def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
     """What the hand feels, in grams."""
     weights = [after.down_weight / GRAM, after.up_weight / GRAM]
-    now = f"The key goes down with {weights[0]:.0f} g and lifts {weights[1]:.0f} g"
+    now = (
+        f"With the damper lifted, the key goes down with {weights[0]:.0f} g and lifts "
+        f"{weights[1]:.0f} g"
+    )
     if same:
         return f"{now}."
     if before is None:

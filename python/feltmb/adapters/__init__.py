@@ -1,7 +1,8 @@
 """Adapters that make mechanisms models of a fit or a diagnosis: tolerances, effects, records.
 
-This layer is between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mod:`feltmb.fit` and
-:mod:`feltmb.gap`, which only use time series and know nothing about pianos.
+This layer is between :mod:`feltmb.run.simulate`, which runs mechanisms, and :mod:`unmodeled.fit`
+and
+:mod:`unmodeled`, which only use time series and know nothing about pianos.
 """
 
 from feltmb.adapters.changes import Entry

@@ -30,10 +30,10 @@ from feltmb.adapters.simulator import (
     output_rate,
     start_state,
 )
-from feltmb.data import Array, Record
-from feltmb.errors import FeltmbError
-from feltmb.fit import Candidate, Sensitivity, SensitivityRequest
-from feltmb.fit.calling import Latest
+from unmodeled.data import Array, Record
+from unmodeled.errors import Error
+from unmodeled.fit import Candidate, Sensitivity, SensitivityRequest
+from unmodeled.fit.calling import Latest
 
 __all__ = ["Derivatives", "added_states", "forward_sensitivities"]
 
@@ -246,7 +246,7 @@ def added_states(simulator: MechanismSimulator, record: Record, candidate: Candi
     try:
         base = simulator.version(record, theta, (), np.zeros(0)).states
         moved = simulator.version(record, theta, (candidate,), shift).states
-    except FeltmbError:
+    except Error:
         return "other"
     return "" if base == moved else "law" if base[::2] == moved[::2] else "other"
 
@@ -289,7 +289,7 @@ def forward_sensitivities(
         columns += _input_columns(simulator, record, request.input_changes, there)
         segment = _segment(simulator, columns, there)
         rest = _at_rest(simulator, columns) if drive.motion else None
-    except FeltmbError:
+    except Error:
         return None
     options = _core.SensitivityOptions()
     simulation = _core.SimulationOptions()
@@ -303,7 +303,7 @@ def forward_sensitivities(
     parameters = [c.parameter() for c in columns]
     try:
         (result,) = _core.sensitivities(base.mechanism, drive.input, parameters, [segment], options)
-    except (FeltmbError, RuntimeError, ValueError):
+    except (Error, RuntimeError, ValueError):
         return None
     if result.run.status != "done":
         return None

@@ -1,8 +1,8 @@
-"""Effects and parameters of :mod:`feltmb.fit` from entries of a library.
+"""Effects and parameters of :mod:`unmodeled.fit` from entries of a library.
 
 An error of a sensor or an input has its own function. Signs: a channel shows (1 + gain) times the
 true value plus the offset, late by the delay. This also holds for the channel of the input
-(:mod:`feltmb.data.readings`). At magnitude zero, the values are unchanged, bit by bit.
+(:mod:`unmodeled.data.readings`). At magnitude zero, the values are unchanged, bit by bit.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from feltmb.adapters.changes import Entry, InputError, SensorError
-from feltmb.arguments import checked
-from feltmb.data import Array, Record
-from feltmb.data.readings import acting
-from feltmb.fit import Effect, Parameter
-from feltmb.fit.observe import shifted
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record
+from unmodeled.data.readings import acting
+from unmodeled.fit import Effect, Parameter
+from unmodeled.fit.observe import shifted
 
 __all__ = ["columns_of", "effect_of", "excite_by", "observe_by", "parameter_of", "partners"]
 

@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Any
 
 from feltmb.adapters.changes import Chosen, changed_config
-from feltmb.arguments import checked
-from feltmb.data import Array
-from feltmb.errors import InvalidParameter
-from feltmb.files import write_text
 from feltmb.mechanism import Action, MechanismFile, expand_path
 from feltmb.mechanism.numbers import read_entry
 from feltmb.mechanism.values import component, si_factor, tidy
 from feltmb.run.stroke.strokes import Kind, usual_interpolation
-from feltmb.units import split_quantity, unit_suffix
-from feltmb.units.quantity import is_quantity
+from unmodeled.arguments import checked
+from unmodeled.data import Array
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import write_text
+from unmodeled.units import split_quantity, unit_suffix
+from unmodeled.units.quantity import is_quantity
 
 __all__ = [
     "action_of_findings",

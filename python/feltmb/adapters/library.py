@@ -19,12 +19,12 @@ from scipy.optimize import brentq
 
 from feltmb import params
 from feltmb.adapters.changes import Change, Entry, EntryKeys
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter, near_names
-from feltmb.files import MOST_EXTENDS, read_toml
 from feltmb.mechanism import Action, Body, Contact, Curve, MechanismFile
 from feltmb.mechanism.numbers import read_entry
-from feltmb.units.quantity import SI, Schema, fault_text, parse_scalar, validated
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, near_names
+from unmodeled.files import MOST_EXTENDS, read_toml
+from unmodeled.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
 __all__ = ["Library", "LibraryFile", "Until", "load_library"]
 

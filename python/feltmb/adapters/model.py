@@ -1,4 +1,4 @@
-"""A mechanism as a model that :mod:`feltmb.fit` can fit and :mod:`feltmb.gap` can diagnose.
+"""A mechanism as a model that :mod:`unmodeled.fit` can fit and :mod:`unmodeled` can diagnose.
 
 Outputs are displacements of tracking points from rest [m] and, with motion input, the force of the
 finger [N]. Every record starts at rest, for all parameters, and is simulated as a whole, so that a
@@ -24,6 +24,7 @@ from feltmb.adapters.effects import columns_of, effect_of, partners
 from feltmb.adapters.findings import action_of_findings
 from feltmb.adapters.library import Library, load_library
 from feltmb.adapters.records import (
+    check_input_zero,
     driven,
     first_turn,
     from_rest,
@@ -33,11 +34,15 @@ from feltmb.adapters.records import (
     with_noise,
 )
 from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, key_of
-from feltmb.arguments import checked
-from feltmb.data import Array, Record, Sensor
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import write_text
-from feltmb.fit import (
+from feltmb.mechanism import Action, load_action, packaged_actions
+from feltmb.mechanism.parameters import with_values_told
+from feltmb.run.stroke import load_stroke
+from feltmb.run.stroke.strokes import Kind
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record, Sensor
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.files import write_text
+from unmodeled.fit import (
     Candidate,
     Effect,
     Jobs,
@@ -48,11 +53,7 @@ from feltmb.fit import (
     SensitivityRequest,
     State,
 )
-from feltmb.fit.limits import InputLimits, Limits
-from feltmb.mechanism import Action, load_action, packaged_actions
-from feltmb.mechanism.parameters import with_values_told
-from feltmb.run.stroke import load_stroke
-from feltmb.run.stroke.strokes import Kind
+from unmodeled.fit.limits import InputLimits, Limits
 
 __all__ = [
     "SETTINGS",
@@ -207,6 +208,7 @@ class MechanismModel(Model):
         """
         cut: list[Record] = []
         notes: list[str] = []
+        known = True
         model = copy.copy(self)
         if DISPLACEMENT in self.outputs:
             records, said = driven(records)
@@ -232,7 +234,9 @@ class MechanismModel(Model):
                     f"{LONGEST:g} s: is the unit of its time another one (--unit time=ms, unit of "
                     "the time in the TOML file)?"
                 )
-            record, said = self._referred(record)
+            check_input_zero(record, "displacement")
+            record, said, placed = self._referred(record)
+            known = known and placed
             notes += said
             record = with_noise(record, notes)
             turn = self._turn(record)
@@ -248,11 +252,12 @@ class MechanismModel(Model):
                     )
                     record = record.cut(0, kept)
             cut.append(with_error(record, turn))
-        far = unreached(self.simulator, cut)
+        # A stroke is cut at its reversal, which a channel without a known zero does not show.
+        far = unreached(self.simulator, cut) if known else ""
         notes += [far] * bool(far)
         return Ready(self if model.carried == self.carried else model, tuple(cut), tuple(notes))
 
-    def _referred(self, record: Record) -> tuple[Record, tuple[str, ...]]:
+    def _referred(self, record: Record) -> tuple[Record, tuple[str, ...], bool]:
         """Channels of tracking points as displacements from rest, also if they are absolute.
 
         The sensor states whether a channel is absolute, or its first value shows this.

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, input_of
-from feltmb.data import Array, Record, Sensor
-from feltmb.data.records import NOT_OF_INPUTS
-from feltmb.data.smoothing import (
+from feltmb.mechanism import Reading
+from unmodeled.data import Array, Record, Sensor
+from unmodeled.data.records import NOT_OF_INPUTS
+from unmodeled.data.smoothing import (
     LEAST_SAMPLES,
     NEAR,
     WINDOW,
@@ -21,8 +22,8 @@ from feltmb.data.smoothing import (
     smooth_record,
     start_of,
 )
-from feltmb.fit.noise import rounding_error
-from feltmb.mechanism import Reading
+from unmodeled.errors import DataError
+from unmodeled.fit.noise import rounding_error
 
 __all__ = [
     "driven",
@@ -277,8 +278,8 @@ def _most_informative(
 
 def from_rest(
     record: Record, rest: Mapping[str, float], model: str
-) -> tuple[Record, tuple[str, ...]]:
-    """The record with displacements from rest, and a description of the changes.
+) -> tuple[Record, tuple[str, ...], bool]:
+    """The record with displacements from rest, a description, and whether all zeros are known.
 
     Parameters
     ----------
@@ -293,15 +294,11 @@ def from_rest(
     outputs, sensors = dict(record.outputs), dict(record.sensors)
     notes: list[str] = []
     absolute: dict[bool, list[str]] = {True: [], False: []}
+    lost: list[str] = []
     for name, start in starts.items():
         kind = frame if start.kind == "either" else start.kind
         if not kind:
-            notes.append(
-                f"{record.name}: {name} starts at {start.value:.6g} m: this is neither zero "
-                f"nor the rest value of {model} ({start.rest:.6g} m); it is treated as a "
-                f"displacement from rest (--origin {name}=start: its first value is rest; "
-                f"--reference {name}=absolute; the same names are keys of the TOML)"
-            )
+            lost.append(f"{name} at {start.value:.6g} m ({start.rest:.6g} m)")
         if kind != "absolute":
             continue
         absolute[start.told].append(name)
@@ -322,9 +319,18 @@ def from_rest(
                 f"{record.name}: {', '.join(names)}: absolute coordinates ({why}); compared as "
                 "displacements from rest",
             )
+    if lost:
+        option = lost[0].partition(" ")[0] if len(lost) == 1 else "CHANNEL"
+        notes.insert(
+            0,
+            f"{record.name}: starts neither at zero nor at the rest values of {model} (in "
+            f"brackets): {', '.join(lost)}; treated as displacements from rest (--origin "
+            f"{option}=start: the first value is rest; --reference {option}=absolute; the same "
+            "names are keys of the TOML)",
+        )
     if not any(absolute.values()):
-        return record, tuple(notes)
-    return replace(record, outputs=outputs, sensors=sensors), tuple(notes)
+        return record, tuple(notes), not lost
+    return replace(record, outputs=outputs, sensors=sensors), tuple(notes), not lost
 
 
 @dataclass(frozen=True)
@@ -353,6 +359,30 @@ class _Start:
         if at_zero and at_rest:
             kind = "either"
         return cls(start, rest, near, sensor.reference or kind, bool(sensor.reference))
+
+
+def check_input_zero(record: Record, name: str) -> None:
+    """Refuse a motion whose zero is not that of the machine at rest.
+
+    Parameters
+    ----------
+    record
+        Measured run.
+    name
+        Name of the motion among its inputs.
+
+    Raises
+    ------
+    DataError
+        The motion starts farther from zero than it moves.
+    """
+    values = record.inputs.get(name)
+    if values is not None and abs(values[0]) > float(np.ptp(values)) > 0.0:
+        raise DataError(
+            f"record {record.name}: {name} starts at {values[0]:.4g} m and moves by "
+            f"{np.ptp(values):.3g} m, expected a start near 0, at rest: what is its zero (--origin "
+            f"{name}=start, origin in the TOML file)?"
+        )
 
 
 # -------------------------------------------------------------------------- what a stroke reaches

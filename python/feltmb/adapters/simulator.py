@@ -17,12 +17,12 @@ import numpy as np
 from feltmb import _core
 from feltmb.adapters.changes import Configurations, Entry
 from feltmb.adapters.effects import parameter_of
-from feltmb.data import Array, Record, evenly_spaced
-from feltmb.data.smoothing import LEAST_SAMPLES, smooth_record
-from feltmb.errors import DataError, FeltmbError, InvalidParameter
-from feltmb.fit import Candidate
-from feltmb.fit.calling import Latest
 from feltmb.mechanism import Action, MechanismFile, describe
+from unmodeled.data import Array, Record, evenly_spaced
+from unmodeled.data.smoothing import LEAST_SAMPLES, smooth_record
+from unmodeled.errors import DataError, Error, InvalidParameter
+from unmodeled.fit import Candidate
+from unmodeled.fit.calling import Latest
 
 __all__ = [
     "DISPLACEMENT",
@@ -313,7 +313,7 @@ class MechanismSimulator:
         self._versions: Latest[tuple[object, ...], Variant] = Latest(VERSIONS)
         try:
             self.base = self._workshop.build(action.config)
-        except FeltmbError as error:
+        except Error as error:
             raise InvalidParameter(f"mechanism {action.name!r} has no rest pose: {error}") from None
         self._check_outputs()
 
@@ -383,7 +383,7 @@ class MechanismSimulator:
             try:
                 config = self._config(record, theta, included, magnitudes)
                 variant = self._workshop.build(config)
-            except FeltmbError:
+            except Error:
                 return None
             return self.whole(record, variant)
 
@@ -428,7 +428,7 @@ class MechanismSimulator:
                 None,
                 list(variant.memory),
             )
-        except (RuntimeError, ValueError, FeltmbError):
+        except (RuntimeError, ValueError, Error):
             return None
         if result.time.size < 2 or result.reached < time[-1] * (1.0 - 1e-9):
             return None

@@ -11,7 +11,9 @@ import click
 from click.core import ParameterSource
 
 from feltmb.cli.completing import actions, actuators
-from feltmb.cli.options import (
+from feltmb.cli.settings import with_settings
+from feltmb.cli.stroke import parse_damper
+from unmodeled.cli.options import (
     FORCE,
     FRACTION,
     CommandGroup,
@@ -22,7 +24,7 @@ from feltmb.cli.options import (
     option,
     positive,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     check_targets,
     pretty,
     print_json,
@@ -31,10 +33,8 @@ from feltmb.cli.screen import (
     say_written,
     show,
     warn,
-    with_settings,
 )
-from feltmb.cli.stroke import parse_damper
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.action.actuator import Actuator, ActuatorRun

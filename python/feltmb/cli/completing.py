@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
-from click.shell_completion import CompletionItem, split_arg_string
+from click.shell_completion import CompletionItem
+
+from unmodeled.cli.completing import matching, words
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run
@@ -24,19 +25,12 @@ __all__ = [
     "outputs",
     "packaged",
     "paths",
+    "setting_words",
     "settings",
     "strokes",
 ]
 
 Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
-
-
-def _matching(names: Iterable[str], incomplete: str) -> list[CompletionItem]:
-    """Names that begin with the word; files too, if the shell finds no name."""
-    return [
-        CompletionItem(incomplete, type="file"),
-        *(CompletionItem(name) for name in names if name.startswith(incomplete)),
-    ]
 
 
 def packaged(*kinds: str) -> Completer:
@@ -47,7 +41,7 @@ def packaged(*kinds: str) -> Completer:
     ) -> list[CompletionItem]:
         from feltmb import params
 
-        return _matching((name for kind in kinds for name in params.names(kind)), incomplete)
+        return matching((name for kind in kinds for name in params.names(kind)), incomplete)
 
     return complete
 
@@ -64,22 +58,17 @@ def fiber_laws(
     """Laws of fiber masses."""
     from feltmb.fiber import history_models, models
 
-    return _matching([*models(), *history_models()], incomplete)
-
-
-def _line() -> list[str]:
-    """Words of the command line; click has not parsed it, because the last option has no value."""
-    return split_arg_string(os.environ.get("COMP_WORDS", ""))
+    return matching([*models(), *history_models()], incomplete)
 
 
 def mechanism_named() -> str | None:
     """Mechanism on the command line."""
     from feltmb import params
-    from feltmb.files import is_file
+    from unmodeled.files import is_file
 
     known = params.names()
     return next(
-        (w for w in _line() if w in known or (w.endswith(".toml") and is_file(Path(w)))), None
+        (w for w in words() if w in known or (w.endswith(".toml") and is_file(Path(w)))), None
     )
 
 
@@ -113,15 +102,15 @@ def _is_given(raw: Mapping[str, Any], path: str) -> bool:
 
 def _settable() -> dict[str, Any]:
     """Value by dotted path of the mechanism on the command line."""
-    from feltmb.errors import FeltmbError
     from feltmb.mechanism import load_action
+    from unmodeled.errors import Error
 
     name = mechanism_named()
     if name is None:
         return {}
     try:
         action = load_action(name)
-    except FeltmbError:
+    except Error:
         return {}
     raw = action.raw  # a copy of the whole mechanism
     found = {k: v for k, v in _paths(action.config) if _is_given(raw, k)}
@@ -136,38 +125,36 @@ def paths(
     return [CompletionItem(path) for path in _settable() if path.startswith(incomplete)]
 
 
-#: Settings of models in addition to the values of their mechanism.
-ADAPTER = ("channels", "effects", "library", "rtol",
-           "tolerances", "until", "variation")  # fmt: skip
-
-
 def settings(
-    _context: click.Context, parameter: click.Parameter, incomplete: str
+    _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
     """PATH= for the mechanism on the command line; values too if they are words."""
+    return [CompletionItem(found) for found in setting_words(incomplete)]
+
+
+def setting_words(incomplete: str, more: Iterable[str] = ()) -> Iterator[str]:
+    """Completions of a setting of the mechanism on the command line; ``more``: other names."""
     from feltmb.contact import LAWS
 
     path, sign, value = incomplete.partition("=")
-    of_adapter = dict.fromkeys(ADAPTER) if parameter.metavar == "NAME=VALUE" else {}
-    known: dict[str, Any] = {**of_adapter, **_settable()}
+    known: dict[str, Any] = {**dict.fromkeys(more), **_settable()}
     if not sign:
-        return [CompletionItem(f"{name}=") for name in known if name.startswith(path)]
-    if path.rpartition(".")[2] == "law":
-        words: Iterable[str] = LAWS
-    else:
-        words = ("true", "false") if isinstance(known.get(path), bool) else ()
-    return [CompletionItem(f"{path}={word}") for word in words if word.startswith(value)]
+        yield from (f"{name}=" for name in known if name.startswith(path))
+    elif path.rpartition(".")[2] == "law":
+        yield from (f"{path}={word}" for word in LAWS if word.startswith(value))
+    elif isinstance(known.get(path), bool):
+        yield from (f"{path}={word}" for word in ("true", "false") if word.startswith(value))
 
 
 def _runs() -> Iterator[Run]:
     """Saved runs on the command line; unreadable files give no completions."""
-    from feltmb.errors import FeltmbError
-    from feltmb.files import is_file
     from feltmb.run.results import load_run
+    from unmodeled.errors import Error
+    from unmodeled.files import is_file
 
-    for word in _line():
+    for word in words():
         if word.endswith(".nc") and is_file(Path(word)):
-            with contextlib.suppress(FeltmbError):
+            with contextlib.suppress(Error):
                 yield load_run(word)
 
 

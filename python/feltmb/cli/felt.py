@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.completing import actions, felts, packaged
-from feltmb.cli.models import TEST, TestFile
-from feltmb.cli.options import (
+from feltmb.cli.compression import TEST, TestFile
+from feltmb.cli.settings import SET
+from unmodeled.cli.options import (
     FORCE,
     FRACTION,
-    SET,
     FileName,
     FolderName,
     Number,
@@ -28,7 +28,7 @@ from feltmb.cli.options import (
     option,
     positive,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     check_targets,
     complain,
     finite,
@@ -99,8 +99,8 @@ class _Written:
 
     def check(self) -> None:
         """Check the files and the contact."""
-        from feltmb.errors import InvalidParameter
         from feltmb.mechanism import load_action
+        from unmodeled.errors import InvalidParameter
 
         check_targets(self.out, pictures=(self.plot,), force=self.force)
         known = {} if self.contact is None else load_action(self.action).config.contacts
@@ -117,7 +117,7 @@ class _Written:
         save_figure(self.plot, draw, force=self.force)
 
 
-WRITTEN = fields_of("cli.felt:_Written")
+WRITTEN = fields_of("feltmb.cli.felt:_Written")
 
 
 def _print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> None:
@@ -362,9 +362,9 @@ def law_command(
     The columns are those of `felt contact`. A test of loading only is enough for power and van_wyk;
     the loss stays open. maxwell, stulov and rate need a column of time.
     """
-    from feltmb.errors import InvalidParameter
     from feltmb.felt import fit_law, pool, read_specimen
     from feltmb.felt.laws import LOADING
+    from unmodeled.errors import InvalidParameter
 
     check_targets(out, force=force)
     reading = {k: v for k, v in read.reading.items() if k != "cycle"}
@@ -515,7 +515,7 @@ def identify_command(
     from feltmb.felt import identify, load_material
     from feltmb.felt.plot import plot_identification
     from feltmb.fiber import read_compression
-    from feltmb.files import make_folder
+    from unmodeled.files import make_folder
 
     report = None if folder is None else make_folder(folder) / "report.md"
     image = None if folder is None else folder / "identification.png"
@@ -700,7 +700,7 @@ def audit_command(
     """
     from feltmb.felt import audit, audit_targets
     from feltmb.felt.plot import plot_audit
-    from feltmb.files import check_writable, make_folder
+    from unmodeled.files import check_writable, make_folder
 
     if everything and ":" in law:
         raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.completing import fiber_laws
+from feltmb.cli.compression import TEST, TestFile
 from feltmb.cli.felt import FILE, ZERO
-from feltmb.cli.models import TEST, TestFile
-from feltmb.cli.options import (
+from unmodeled.cli.options import (
     FORCE,
     FRACTION,
     NOT_NEGATIVE,
@@ -33,7 +33,7 @@ from feltmb.cli.options import (
     pairs,
     positive,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     check_targets,
     console,
     finite,
@@ -70,8 +70,8 @@ def _quantities(
     option: str, texts: Sequence[str], units: Mapping[str, str], form: str = "NAME=VALUE"
 ) -> dict[str, list[float]]:
     """Values by parameter in SI units, of "1" or "1:5"; all faults are in one message."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.units.quantity import parse_scalar
+    from unmodeled.errors import InvalidParameter
+    from unmodeled.units.quantity import parse_scalar
 
     given = pairs(option, texts, form)
     out: dict[str, list[float]] = {}
@@ -146,9 +146,9 @@ def fit_command(
     Columns: v_f [-], strain [-], thickness or displacement [mm]; pressure [kPa] or force [N];
     optionally branch.
     """
-    from feltmb.errors import FeltmbError, InvalidParameter
     from feltmb.fiber import compare, fit_branches, models, read_compression
     from feltmb.fiber.plot import plot_fits
+    from unmodeled.errors import Error, InvalidParameter
 
     check_targets(out, pictures=(plot,), force=force)
     test = read_compression(
@@ -195,7 +195,7 @@ def fit_command(
     document = {"data": str(data.name), "fits": [_fit_dictionary(f) for f in fits]}
     save_text(out, json.dumps(document, indent=1) + "\n", force=force)
     if poor:
-        raise FeltmbError("\n".join(map(_undetermined, poor)))
+        raise Error("\n".join(map(_undetermined, poor)))
 
 
 def _undetermined(f: Any) -> str:
@@ -265,7 +265,7 @@ def _fit_dictionary(f: Any) -> dict[str, Any]:
 
 
 BOX = fields_of(
-    "fiber.simulation:FiberBox",
+    "feltmb.fiber.simulation:FiberBox",
     n_fibers={"words": "--fibers", "type": count(1, 100_000)},
     n_beads={"words": "--beads", "type": count(2, 10_000)},
     d_f={"type": positive("m"), "default": "25 um"},
@@ -286,7 +286,7 @@ BOX = fields_of(
     seed={"type": count(0)},
 )
 CYCLE = fields_of(
-    "fiber.simulation:Cycle",
+    "feltmb.fiber.simulation:Cycle",
     v_max={"type": FRACTION},
     strain_per_step={"type": Number(0, 0.01, min_open=True, max_open=True)},
     cycles={"type": count(1, 100_000)},
@@ -318,9 +318,9 @@ def simulate_command(
     """Compress and release a box of single fibers, and write the run to OUTPUT (.npz)."""
     from rich.progress import Progress
 
-    from feltmb.errors import FeltmbError, InvalidParameter
     from feltmb.fiber import FiberRun, simulate, unusual
     from feltmb.fiber.plot import plot_simulation
+    from unmodeled.errors import Error, InvalidParameter
 
     warn(unusual(d_f=box.d_f, segment=box.segment_length, E=box.E))
     if output.suffix != ".npz":
@@ -354,7 +354,7 @@ def simulate_command(
     save_figure(plot, lambda: plot_simulation(run), force=force)
     warn(run.warnings)
     if run.status == "failed":
-        raise FeltmbError("simulate: failed, for the reasons above; the samples so far are saved")
+        raise Error("simulate: failed, for the reasons above; the samples so far are saved")
 
 
 def _print_simulation(run: FiberRun) -> None:
@@ -389,7 +389,7 @@ def _print_simulation(run: FiberRun) -> None:
 
 
 def _exponents(run: FiberRun) -> Iterator[str]:
-    from feltmb.errors import InvalidParameter
+    from unmodeled.errors import InvalidParameter
 
     for low in (0.75, 0.25):
         bottom = low * run.box.v_f + (1.0 - low) * run.cycle.v_max

@@ -11,21 +11,18 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from feltmb.cli.completing import actions
-from feltmb.cli.models import READING, load_adapter
-from feltmb.cli.options import (
+from feltmb.cli.settings import SET, load_with_settings
+from unmodeled.cli.options import (
     FORCE,
-    MODEL_SET,
-    SET,
     Number,
     argument,
     count,
     declare,
     option,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     complain,
     console,
-    load_with_settings,
     print_json,
     save_figure,
     save_text,
@@ -36,7 +33,6 @@ from feltmb.cli.screen import (
 )
 
 if TYPE_CHECKING:
-    from feltmb.data import ReadOptions
     from feltmb.mechanism import Action
 
 __all__ = ["fmu", "listing", "live", "new", "showing", "validate"]
@@ -55,7 +51,7 @@ def listing(*, as_json: bool) -> None:
     from feltmb._core import fiber  # the package of this name imports readers and fits
     from feltmb.contact import LAWS
     from feltmb.run.stroke import load_stroke, packaged_strokes
-    from feltmb.units import ACCEPTED_UNITS
+    from unmodeled.units import ACCEPTED_UNITS
 
     actions, actuators, felts = (params.texts("about", k) for k in ("", "actuators", "felts"))
     fibers = {law.name: law.title for law in fiber.law_descriptions()}
@@ -134,8 +130,8 @@ def showing(
 
         save_figure(plot, lambda: draw(mechanism), force=force)
     if graph is not None:
-        from feltmb.files import check_suffix
         from feltmb.graphics.graph import graph as linear_graph
+        from unmodeled.files import check_suffix
 
         check_suffix(graph, ".dot")
         save_text(graph, linear_graph(mechanism).to_dot(), force=force)
@@ -227,7 +223,7 @@ _SPRING = (
 
 def _springs(config: Any, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     from feltmb.mechanism import Spring
-    from feltmb.units.quantity import unit_of
+    from unmodeled.units.quantity import unit_of
 
     for name, spring in config.springs.items():
         joint = "prismatic" if units[spring.coordinate] == "m" else "revolute"
@@ -280,13 +276,13 @@ def validate(
     without a unit are listed with the SI unit that they have, with a warning if the file gives
     another unit to the same quantity elsewhere.
     """
-    from feltmb.errors import FeltmbError, InvalidParameter
+    from unmodeled.errors import Error, InvalidParameter
 
     found: list[dict[str, Any]] = []
     for path in files:
         try:
             text, bare, warnings = _checked(path, rest=not no_rest_pose)
-        except FeltmbError as error:
+        except Error as error:
             found.append({"file": str(path), "ok": False, "text": str(error)})
             if not as_json:
                 complain(str(error))
@@ -307,13 +303,13 @@ def validate(
 
 def _checked(path: Path, *, rest: bool) -> tuple[str, list[str], list[str]]:
     """What a file is; its numbers without a unit; warnings."""
-    from feltmb.errors import InvalidParameter
-    from feltmb.files import is_file, read_toml, why_missing
     from feltmb.mechanism import load_action
     from feltmb.mechanism.parameters import told_bare_numbers
     from feltmb.run.reach import unreached_lines
     from feltmb.run.results import load_run
     from feltmb.run.stroke import load_stroke
+    from unmodeled.errors import InvalidParameter
+    from unmodeled.files import is_file, read_toml, why_missing
 
     if not is_file(path):
         raise InvalidParameter(f"{path}: {why_missing(path)}")
@@ -335,9 +331,9 @@ def _checked(path: Path, *, rest: bool) -> tuple[str, list[str], list[str]]:
 
 def _is_stroke(path: Path, tables: Mapping[str, object]) -> bool:
     """Whether a file is a stroke: it has keys that only strokes, or only mechanisms, have."""
-    from feltmb.errors import InvalidParameter
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import STROKE_KEYS
+    from unmodeled.errors import InvalidParameter
 
     common = STROKE_KEYS & set(MechanismFile.model_fields)
     stroke = STROKE_KEYS - common
@@ -363,51 +359,17 @@ def in_si(bare: Sequence[str], file: str) -> str:
 
 
 @declare("new")
-def new(
-    path: Path | None = argument(required=False),
-    record: Path | None = option(
-        "Write the TOML file of this measured file, with a first assignment of its columns.",
-        metavar="DATA",
-    ),
-    model: str | None = option(
-        "With --record: the model whose channels are assigned to the columns, as in gap diagnose.",
-        metavar="MODEL",
-        complete=actions,
-    ),
-    reading: ReadOptions = READING,
-    settings: tuple[str, ...] = MODEL_SET,
-    force: bool = FORCE,
-) -> None:
+def new(path: Path = argument(), force: bool = FORCE) -> None:
     """Write a commented mechanism file to PATH: a pendulum hammer on felt, ready to run.
 
-    With --record: write the TOML file of a measured file for `gap check`, `gap diagnose` and `fit`,
-    at PATH or in the folder of the measured file.
+    `unmodeled new` writes the file that describes a measured file.
     """
-    from feltmb.errors import DataError, InvalidParameter
-    from feltmb.files import check_writable, is_file, why_missing
+    from unmodeled.errors import InvalidParameter
 
-    if path is None and record is not None:
-        path = record.with_suffix(".toml")
-    if path is None:
-        raise InvalidParameter("new: expected the name of a file to write, or --record DATA")
     if path.suffix != ".toml":
         raise InvalidParameter(f"new: got {str(path)!r}, expected a name that ends in .toml")
-    if record is None:
-        if model is not None:
-            raise InvalidParameter("new: --model works with --record")
-        template = resources.files("feltmb") / "params" / "template.toml.txt"
-        save_text(path, template.read_text(encoding="utf-8"), force=force)
-        return
-    from feltmb.data.sketch import sketch_sheet
-
-    check_writable(path, force=force)
-    if not is_file(record):
-        raise DataError(f"{record}: {why_missing(record)}")
-    signals = None if model is None else load_adapter(model, settings).signals
-    text, lacks = sketch_sheet(record, signals, reading)
-    if lacks:
-        complain(lacks)
-    save_text(path, text, force=force)
+    template = resources.files("feltmb") / "params" / "template.toml.txt"
+    save_text(path, template.read_text(encoding="utf-8"), force=force)
 
 
 # --- other programs ------------------------------------------------------------------------------

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from feltmb.cli.completing import events, outputs
-from feltmb.cli.models import READING
-from feltmb.cli.options import (
+from unmodeled.cli.models import READING
+from unmodeled.cli.options import (
     FORCE,
     POSITIVE,
     FileName,
@@ -18,12 +18,12 @@ from feltmb.cli.options import (
     declare,
     option,
 )
-from feltmb.cli.screen import complain, names_of_files, say_written
+from unmodeled.cli.screen import complain, names_of_files, say_written
 
 if TYPE_CHECKING:
-    from feltmb.data import ReadOptions
     from feltmb.graphics.viewer import Curves
     from feltmb.run.results import Run
+    from unmodeled.data import ReadOptions
 
 __all__ = ["animate", "plot", "view", "wav"]
 
@@ -48,10 +48,10 @@ def plot(
     force: bool = FORCE,
 ) -> None:
     """Draw all plots of each run, or compare selected outputs of RUNS."""
-    from feltmb.files import make_folder, write_file
     from feltmb.graphics.plot import compare as overlay
     from feltmb.graphics.plot import save_all
     from feltmb.run.results import load_run
+    from unmodeled.files import make_folder, write_file
 
     loaded = [load_run(path) for path in runs]
     if compare:

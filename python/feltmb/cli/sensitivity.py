@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.cli.completing import actions, strokes
 from feltmb.cli.completing import paths as known_paths
-from feltmb.cli.options import (
+from feltmb.cli.settings import SET, load_with_settings
+from unmodeled.cli.options import (
     FORCE,
-    SET,
     FileName,
     Number,
     argument,
@@ -20,10 +20,9 @@ from feltmb.cli.options import (
     option,
     positive,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     check_targets,
     console,
-    load_with_settings,
     pretty,
     print_json,
     save_figure,
@@ -90,7 +89,7 @@ def command(
         )
     number = _sorting_number(result, number, f"stroke {stroke!r} of {mechanism.name!r}")
     if number in result.unknown and not as_json:
-        from feltmb.errors import InvalidParameter
+        from unmodeled.errors import InvalidParameter
 
         raise InvalidParameter(
             f"--number {number!r} has no derivative in this stroke: {result.unknown[number]}"
@@ -115,8 +114,8 @@ def command(
 
 def _sorting_number(result: Gradient, number: str | None, what: str) -> str:
     """The number that sorts the table."""
-    from feltmb.errors import InvalidParameter
     from feltmb.run.arrays import missing_number
+    from unmodeled.errors import InvalidParameter
 
     if number is None:
         known = [n for n in result.summary if n not in result.unknown] or list(result.summary)

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from feltmb.cli.completing import actions, actuators, strokes
-from feltmb.cli.options import (
+from feltmb.cli.settings import SET, load_with_settings
+from feltmb.errors import IntegrationError
+from unmodeled.cli.options import (
     FORCE,
-    SET,
     FolderName,
     Number,
     argument,
@@ -30,11 +31,10 @@ from feltmb.cli.options import (
     parse_option,
     positive,
 )
-from feltmb.cli.screen import (
+from unmodeled.cli.screen import (
     complain,
     console,
     is_terminal,
-    load_with_settings,
     pretty,
     print_json,
     say,
@@ -42,7 +42,7 @@ from feltmb.cli.screen import (
     table,
     warn,
 )
-from feltmb.errors import FeltmbError, IntegrationError
+from unmodeled.errors import Error
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -106,7 +106,7 @@ class Target:
 
     def of(self, stems: list[str]) -> list[Path | None]:
         """File of each stroke."""
-        from feltmb.files import check_folder, check_suffix, make_folder
+        from unmodeled.files import check_folder, check_suffix, make_folder
 
         if self.out is None:
             return [None] * len(stems)
@@ -158,8 +158,8 @@ class Job:
 
     def find_kept(self) -> None:
         """Load the finished run with the same inputs, if there is one."""
-        from feltmb.files import is_file
         from feltmb.run.results import load_run
+        from unmodeled.files import is_file
 
         if self.file is None or self.file.suffix == ".csv":
             raise click.UsageError("--resume needs --out with the name of a folder or a .nc file")
@@ -174,10 +174,10 @@ def command(
     action: str = argument(complete=actions),
     strokes: tuple[str, ...] = argument(complete=strokes, required=False),
     settings: tuple[str, ...] = SET,
-    finger: Finger = fields_of("cli.stroke:Finger"),
-    target: Target = fields_of("cli.stroke:Target"),
+    finger: Finger = fields_of("feltmb.cli.stroke:Finger"),
+    target: Target = fields_of("feltmb.cli.stroke:Target"),
     options: RunOptions = fields_of(
-        "run.options:RunOptions",
+        "feltmb.run.options:RunOptions",
         duration={"type": positive("s")},
         rtol={"type": Number(1e-13, 1e-2)},
         error={"type": Number(0, 0.1, min_open=True)},
@@ -255,7 +255,7 @@ def command(
     if results.failures:
         for failure in results.failures[:-1]:
             complain(failure)
-        raise FeltmbError(results.failures[-1])
+        raise Error(results.failures[-1])
 
 
 def _jobs(
@@ -266,7 +266,7 @@ def _jobs(
     begin: tuple[Path | None, Mapping[str, str]],
 ) -> list[Job]:
     """The strokes with their files and options; all files are checked."""
-    from feltmb.files import check_writable
+    from unmodeled.files import check_writable
 
     stems = _stems([s.name for s in strokes])
     made = []
@@ -313,7 +313,7 @@ class Results:
         try:
             self._draw(job, run, force=force or job.kept is not None)
         except Exception as fault:  # the saved run stays valid
-            kind = "" if isinstance(fault, FeltmbError) else f"{type(fault).__name__}: "
+            kind = "" if isinstance(fault, Error) else f"{type(fault).__name__}: "
             self.failures.append(f"{name}: no picture or sound: {kind}{fault}")
 
     def _draw(self, job: Job, run: Run, *, force: bool) -> None:
@@ -337,7 +337,7 @@ def _run_all(made: Sequence[Job], one: Any, results: Results, jobs: int) -> None
                 try:
                     waiting.append(pool.submit(one, job))
                 except RuntimeError as refused:
-                    raise FeltmbError(
+                    raise Error(
                         f"--jobs {jobs}: no thread could be started ({refused}); use --jobs 1"
                     ) from None
             for i, job in enumerate(made):
@@ -361,11 +361,13 @@ def _inputs(
     initial: Mapping[str, str],
 ) -> str:
     """Hash of everything that determines a run."""
-    from feltmb.files import LARGEST_FILE, digest_of, package_digest, read_input
+    from unmodeled.files import LARGEST_FILE, digest_of, package_digest, read_input
 
     first = None if start is None else read_input(start, most=LARGEST_FILE)
     numbers = asdict(replace(options, max_wall=None, ledger_limit=None))
-    return digest_of(package_digest(), action.hash, stroke.as_dict(), numbers, first, initial)
+    return digest_of(
+        package_digest("feltmb"), action.hash, stroke.as_dict(), numbers, first, initial
+    )
 
 
 def parse_damper(text: str) -> tuple[str, float | None]:
@@ -440,7 +442,7 @@ def _strike_rows(run: Run) -> dict[str, tuple[str, str]]:
 def _strike_cells(strikes: Sequence[Mapping[str, float]], key: str, unit: str) -> list[str]:
     """A number of each strike, and its unit; empty if no strike has it."""
     from feltmb.run.results import let_off_words
-    from feltmb.units import readable_unit
+    from unmodeled.units import readable_unit
 
     values = [strike.get(key) for strike in strikes]
     why = ["" for _ in strikes]
@@ -530,7 +532,6 @@ def demo(
 
     Prints the results with the published values, and writes NetCDF files, plots and an animation.
     """
-    from feltmb.files import make_folder, write_file
     from feltmb.graphics.animate import animate
     from feltmb.graphics.plot import mechanism as draw
     from feltmb.graphics.plot import picture_rate, save_all
@@ -538,6 +539,7 @@ def demo(
     from feltmb.run.options import RunOptions
     from feltmb.run.simulate import simulate
     from feltmb.run.stroke import load_stroke
+    from unmodeled.files import make_folder, write_file
 
     action = load_with_settings("steinway45", settings)
     make_folder(out)

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact.tables import CORE_LAWS, LAWS, LawInfo, core_envelope
-from feltmb.errors import InvalidParameter, shown
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, shown
 
 if TYPE_CHECKING:
     import numpy.typing as npt

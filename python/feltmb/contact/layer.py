@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import BeforeValidator, Field, ValidationError
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact.tables import CORE_LAWS, with_fields
-from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import FeltMaterial, load_material
-from feltmb.units.quantity import SI, Schema, fault_lines
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import SI, Schema, fault_lines
 
 __all__ = [
     "AREAS",

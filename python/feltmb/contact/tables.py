@@ -13,9 +13,9 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, Field, create_model
 
 from feltmb import _core
-from feltmb.errors import InvalidParameter
-from feltmb.units import conversion_factor
-from feltmb.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
+from unmodeled.errors import InvalidParameter
+from unmodeled.units import conversion_factor
+from unmodeled.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
 
 __all__ = [
     "CORE_LAWS",

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import FeltMaterial
 from feltmb.mechanism import Contact
+from unmodeled.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 

@@ -17,9 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact import Law
-from feltmb.errors import InvalidParameter
 from feltmb.felt.audit_checks import (
     Cycle,
     Finding,
@@ -35,8 +33,10 @@ from feltmb.felt.audit_checks import (
 )
 from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
 from feltmb.fiber.material import FeltMaterial, load_material
-from feltmb.files import is_file, read_toml
 from feltmb.mechanism import Contact, core_law, load_action
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import is_file, read_toml
 
 __all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 __all__ = ["WOOL", "bulk"]
 

@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact.layer import (
     AREAS,
     Area,
@@ -28,11 +27,12 @@ from feltmb.contact.layer import (
     SphereOnLayer,
     core_layer,
 )
-from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import FeltMaterial
-from feltmb.files import read_toml
-from feltmb.units import conversion_factor, split_quantity
-from feltmb.units.quantity import parse_scalar
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import read_toml
+from unmodeled.units import conversion_factor, split_quantity
+from unmodeled.units.quantity import parse_scalar
 
 __all__ = [
     "AREAS",

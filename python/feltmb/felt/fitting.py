@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact.layer import Area
-from feltmb.errors import InvalidParameter
 from feltmb.fiber.material import Branch, FeltMaterial
 from feltmb.mechanism import Contact, core_law
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 __all__ = ["ContactFit", "contact_loop", "fit_contact"]
 

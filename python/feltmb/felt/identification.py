@@ -18,8 +18,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
-from feltmb.arguments import checked
-from feltmb.errors import DataError, InvalidParameter, ModelError
 from feltmb.fiber import CompressionData
 from feltmb.fiber.data import slack_fault
 from feltmb.fiber.material import (
@@ -29,6 +27,8 @@ from feltmb.fiber.material import (
     FeltMaterial,
     sliding_at_pressure,
 )
+from unmodeled.arguments import checked
+from unmodeled.errors import DataError, InvalidParameter, ModelError
 
 __all__ = ["BranchFit", "Identification", "identify"]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.arguments import checked
 from feltmb.felt.monotone import MonotoneCurve, monotone_curve
 from feltmb.fiber.approach import LEAST
 from feltmb.fiber.cycles import HIGHEST, LOWEST, Branches
+from unmodeled.arguments import checked
 
 __all__ = [
     "SAME_SPEED",

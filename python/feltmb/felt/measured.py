@@ -16,10 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.arguments import checked
 from feltmb.contact import Law
-from feltmb.data import ReadOptions
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt.envelopes import FeltEnvelope
 from feltmb.felt.loop_uncertainty import (
     SAME_SPEED,
@@ -37,6 +34,9 @@ from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of, smoot
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
 from feltmb.fiber.machine import drift_of, saturation, without_frame
+from unmodeled.arguments import checked
+from unmodeled.data import ReadOptions
+from unmodeled.errors import DataError, InvalidParameter
 
 __all__ = ["MeasuredLoop", "Specimen", "measured_loop", "read_measured_loop", "read_specimen"]
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feltmb.style import new_figure, style_axes
+from unmodeled.style import new_figure, style_axes
 
 if TYPE_CHECKING:
     from feltmb.felt.auditing import Audit

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -11,14 +12,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.data.columns import read_columns
-from feltmb.data.files import read_sheet
-from feltmb.data.mapping import unit_of_column, values_in
-from feltmb.data.series import Columns, plain_name
-from feltmb.data.sheet import ColumnSpec, ReadOptions, Sheet
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.units import conversion_factor, spelled_unit
-from feltmb.units.quantity import fault_text, shortened
+from unmodeled.data.columns import read_columns
+from unmodeled.data.files import read_sheet
+from unmodeled.data.mapping import unit_of_column, values_in
+from unmodeled.data.series import Columns, plain_name
+from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.units import conversion_factor, spelled_unit, weight_hint
+from unmodeled.units.quantity import fault_text, shortened
 
 __all__ = ["COMPRESSIONS", "LOADS", "CompressionColumns", "read_test"]
 
@@ -35,7 +36,7 @@ NAMES = {
     "v_f": "v_f, volume fraction, Volumenanteil, fraction volumique",
     "strain": "strain, Dehnung, Stauchung, Verformung, compression, déformation, 应变",
     "thickness": "thickness, gap, height, Dicke, Höhe, Probendicke, épaisseur, hauteur, 厚度",
-    "displacement": "displacement, extension, travel, stroke, position, distance, crosshead, "
+    "displacement": "displacement, disp, extension, travel, stroke, position, distance, crosshead, "
     f"crosshead displacement, deflection, deformation, indentation, {_FROM_CONTACT}, Weg, "
     "Standardweg, Traverse, Traversenweg, Verformung, Verschiebung, Kolbenweg, déplacement, "
     "déplacement traverse, course, déformation, flèche, 位移, 变形",
@@ -306,6 +307,21 @@ def _named(columns: Columns, quantity: str) -> list[str]:
     return [c for c in columns.values if _called(c, known) and _fits(columns, c, quantity)]
 
 
+def _wrong_units(columns: Columns, wanted: Sequence[str]) -> Iterator[str]:
+    """Faults of columns with the name of a quantity in a unit that does not measure it."""
+    for quantity in wanted:
+        si = _UNITS[quantity]
+        for column in (c for c in columns.values if _called(c, NAMES[quantity])):
+            unit = unit_of_column(columns, column)
+            other = f"{unit}f" if weight_hint(unit, si) and unit in ("g", "kg", "lb") else si
+            yield (
+                f"column {shortened(columns.headings.get(column, column))}: unit {unit} does not "
+                f"measure a {quantity}, expected a unit of {si}{weight_hint(unit, si)} "
+                f"(--column {quantity}={shlex.quote(column)} --unit {quantity}={other}, in Python "
+                "options)"
+            )
+
+
 def _fits(columns: Columns, column: str, quantity: str) -> bool:
     unit = unit_of_column(columns, column)
     if not unit or spelled_unit(unit) is None:
@@ -330,6 +346,9 @@ def _choose(
     quantity = next((q for q in wanted if q in stated), "") or next(
         (q for q in wanted if named[q]), ""
     )
+    if not quantity and (wrong := [*_wrong_units(columns, wanted)]):
+        faults += wrong
+        return "", ""
     if not quantity:
         known = "; ".join(f"{q}: {NAMES[q]}" for q in wanted)
         faults.append(

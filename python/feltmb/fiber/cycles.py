@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 Array = NDArray[np.float64]
 

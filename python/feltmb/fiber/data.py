@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.arguments import checked
-from feltmb.data import ReadOptions
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber.approach import LEAST, free_approach
 from feltmb.fiber.columns import LOADS, CompressionColumns, read_test
 from feltmb.fiber.cycles import find_branches
 from feltmb.fiber.machine import saturation, without_frame
-from feltmb.units.quantity import fault_text
+from unmodeled.arguments import checked
+from unmodeled.data import ReadOptions
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.units.quantity import fault_text
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
-from feltmb.arguments import checked
+from unmodeled.arguments import checked
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def compress_arcs(
     ------
     InvalidParameter
         Arguments are invalid; all of them are in the message.
-    FeltmbError
+    Error
         Simple compression has no equilibrium for these segments.
     """
     table = _core.compress_energy(

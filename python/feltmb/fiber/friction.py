@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from feltmb._core import fiber as _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 __all__ = ["CarnabyPan", "carnaby_pan", "carnaby_pan_march", "critical_angle"]
 

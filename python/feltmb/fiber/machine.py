@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber.approach import LEAST, OFFSET, SURE, scatter_of
 from feltmb.fiber.columns import CompressionColumns, read_test
+from unmodeled.errors import DataError, InvalidParameter
 
 __all__ = ["Drift", "drift_of", "saturation", "without_frame"]
 

@@ -16,11 +16,11 @@ from pydantic import BeforeValidator, Field, model_validator
 from feltmb import _core as _all
 from feltmb import params
 from feltmb._core import fiber as _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.fiber.ranges import unusual
-from feltmb.files import read_toml
-from feltmb.units.quantity import SI, Schema, is_quantity, validated
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import read_toml
+from unmodeled.units.quantity import SI, Schema, is_quantity, validated
 
 __all__ = [
     "Branch",

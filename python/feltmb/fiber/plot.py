@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.style import new_figure, style_axes
+from unmodeled.style import new_figure, style_axes
 
 Array = NDArray[np.float64]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from feltmb.arguments import checked
-from feltmb.errors import no_such
-from feltmb.units import unit_suffix
+from unmodeled.arguments import checked
+from unmodeled.errors import no_such
+from unmodeled.units import unit_suffix
 
 __all__ = ["RANGES", "UsualRange", "unusual"]
 

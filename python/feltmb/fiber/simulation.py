@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
-from feltmb.arguments import checked
-from feltmb.errors import DataError, FeltmbError, InvalidParameter, shown
-from feltmb.files import check_suffix, read_npz, write_file
+from unmodeled.arguments import checked
+from unmodeled.errors import DataError, Error, InvalidParameter, shown
+from unmodeled.files import check_suffix, read_npz, write_file
 
 Array = NDArray[np.float64]
 _FORMAT = 1
@@ -370,7 +370,7 @@ def simulate(
     ------
     InvalidParameter
         Values are invalid; all of them are in the message.
-    FeltmbError
+    Error
         The box became too small for the neighbor search, or the motion is unstable.
     """
     plan = cycle or Cycle()
@@ -397,7 +397,7 @@ def simulate(
         network.advance(plan.sample_every, -strain if unloading else strain)
         sample = network.sample()
         if not math.isfinite(sample["pressure"]):
-            raise FeltmbError(
+            raise Error(
                 f"simulate: pressure is not finite at step {sample['step']}; reduce time_step"
             )
         taken += 1

@@ -14,9 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import check_writable, write_file
 from feltmb.graphics.film import Film, time_window
 from feltmb.graphics.plot.axes import set_window
 from feltmb.graphics.plot.drawing import draw_bodies, draw_fixed, draw_joints
@@ -28,7 +25,10 @@ from feltmb.graphics.plot.poses import (
 from feltmb.graphics.plot.readings import MOST_LETTERS, run_action, run_name
 from feltmb.graphics.plot.series import striker_name
 from feltmb.graphics.plot.shapes import shape_points, upper_right_is_free
-from feltmb.style import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import check_writable, write_file
+from unmodeled.style import (
     BLACK,
     FELT,
     INK,
@@ -41,7 +41,7 @@ from feltmb.style import (
     new_figure,
     style_axes,
 )
-from feltmb.units.quantity import shortened
+from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.poses import (
     Pose,
     bent_beams,
@@ -24,6 +23,7 @@ from feltmb.graphics.plot.poses import (
 from feltmb.graphics.plot.readings import busy_window, loaded_contacts
 from feltmb.graphics.plot.shapes import scene, view_box
 from feltmb.run.reading import striker_speed
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

@@ -28,8 +28,6 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from feltmb import __version__
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import is_file, read_input
 from feltmb.graphics.viewer import script_of
 from feltmb.live.desk import Desk
 from feltmb.live.knobs import Bench
@@ -41,6 +39,8 @@ from feltmb.params import names
 from feltmb.run.simulate import simulate
 from feltmb.run.sound import difference, sampled, wav
 from feltmb.run.stroke import Stroke
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import is_file, read_input
 
 __all__ = ["MOST_BODY", "MOST_MESSAGE", "MOST_UPLOAD", "Studio", "make_app"]
 
@@ -389,10 +389,10 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
         async def wrapped(request: Request) -> Response:
             try:
                 return await work(request)
-            except FeltmbError as error:
+            except Error as error:
                 return answer(str(error), 422)
-            except ClientDisconnect:
-                raise
+            except ClientDisconnect:  # nobody hears the answer
+                return answer("the request was given up", 499)
             except Exception as error:
                 return answer(fault_of(error), 500)
 

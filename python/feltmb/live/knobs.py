@@ -16,11 +16,11 @@ from typing import Any
 from feltmb.action.regulate.targets import Step, Targets, default_targets
 from feltmb.adapters import Library, load_library
 from feltmb.adapters.changes import Change, Entry, Values, applied
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.values import si_factor
-from feltmb.units import si_value
-from feltmb.units.quantity import shortened
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.units import si_value
+from unmodeled.units.quantity import shortened
 
 __all__ = ["Bench", "Knob"]
 
@@ -104,11 +104,11 @@ class Bench:
         targets, library = None, None
         try:
             targets = default_targets(self.action)
-        except FeltmbError:
+        except Error:
             notes.append("There are no regulation targets for this mechanism: no screws are known.")
         try:
             library = load_library(self.action)
-        except FeltmbError as error:
+        except Error as error:
             notes.append(f"Its library of tolerances cannot be used: {error}")
         for name, value in (("targets", targets), ("library", library), ("notes", tuple(notes))):
             object.__setattr__(self, name, value)
@@ -205,7 +205,7 @@ class Bench:
         """Whether the file has, or accepts, the numbers that an entry changes."""
         try:
             self.action.with_values(self.values({}, {}, {entry.name: (entry, entry.magnitude)}))
-        except FeltmbError:
+        except Error:
             return False
         return True
 

@@ -20,19 +20,20 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from feltmb.action.customer import finding
 from feltmb.adapters import mechanism_model
 from feltmb.adapters.findings import bodies_at
-from feltmb.data import ReadOptions, Record
-from feltmb.data.columns import MEASURED_FILES, Columns, read_columns
-from feltmb.data.files import read_each
-from feltmb.data.mapping import Signals
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.experiment import Belief
-from feltmb.fit import Effect
-from feltmb.gap import Named, Options, ParameterValue, Progress, Report, Stop, check, diagnose
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.live.knobs import Bench
 from feltmb.live.proposals import Abandoned, propose
 from feltmb.live.states import Turned, fault_of
-from feltmb.style import reader_unit
+from unmodeled import Options, Progress, Report, Stop, check, diagnose
+from unmodeled.data import ReadOptions, Record
+from unmodeled.data.columns import MEASURED_FILES, Columns, read_columns
+from unmodeled.data.files import read_each
+from unmodeled.data.mapping import Signals
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.experiment import Belief
+from unmodeled.fit import Effect
+from unmodeled.search.result import Named, ParameterValue
+from unmodeled.style import reader_unit
 
 __all__ = ["Measured", "Shelf"]
 
@@ -128,7 +129,7 @@ class Shelf:
             path.with_suffix(".toml").write_bytes(self._sheets[stem])
         try:
             columns = read_columns(path)
-        except FeltmbError as error:
+        except Error as error:
             path.unlink()
             raise type(error)(str(error).replace(str(path), plain_name)) from None
         room = MOST_KEPT - _size(columns)

@@ -18,7 +18,7 @@ from feltmb.graphics.viewer.content import (
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.mechanism import Action
 from feltmb.run.results import Run
-from feltmb.style import reader_unit
+from unmodeled.style import reader_unit
 
 Array = npt.NDArray[np.float64]
 

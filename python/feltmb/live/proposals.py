@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from feltmb.adapters import MechanismModel, finger_limits, planned_strokes
-from feltmb.data import Record
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.experiment import Belief, Design, design, reasons
-from feltmb.experiment.designs import sensors_of
-from feltmb.fit import Effect
 from feltmb.live.states import Playing
+from unmodeled.data import Record
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.experiment import Belief, Design, design, reasons
+from unmodeled.experiment.designs import sensors_of
+from unmodeled.fit import Effect
 
 __all__ = ["Abandoned", "propose"]
 
@@ -23,7 +23,7 @@ CANDIDATES, STROKES = 4, 3
 MOST_RECORDS = 4
 
 
-class Abandoned(FeltmbError):
+class Abandoned(Error):
     """The request was canceled."""
 
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError
+from unmodeled.arguments import checked
+from unmodeled.errors import Error
 
 __all__ = ["Live", "serve"]
 
@@ -49,7 +49,7 @@ class Live:
 
             from feltmb.live.app import MOST_MESSAGE, Studio, make_app
         except ImportError as missing:
-            raise FeltmbError(
+            raise Error(
                 f"feltmb live: {missing.name} is not installed; "
                 "pip install starlette uvicorn websockets"
             ) from None
@@ -62,7 +62,7 @@ class Live:
         except OSError as error:
             self.studio.close()
             self._socket.close()
-            raise FeltmbError(f"feltmb live: port {port}: {error.strerror or error}") from None
+            raise Error(f"feltmb live: port {port}: {error.strerror or error}") from None
         self.port = int(self._socket.getsockname()[1])
         token = secrets.token_urlsafe(24)
         self.address = f"http://{HOST}:{self.port}/{token}/"
@@ -156,7 +156,7 @@ def serve(
     ------
     InvalidParameter
         The mechanism does not exist, or its file has faults.
-    FeltmbError
+    Error
         The port is in use, or the packages of ``feltmb[live]`` are missing.
     """
     live = Live(mechanism, [Path(r) for r in records], port)

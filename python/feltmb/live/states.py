@@ -9,7 +9,6 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from feltmb.errors import FeltmbError, InvalidParameter, printable
 from feltmb.live.knobs import Bench
 from feltmb.mechanism import Action
 from feltmb.params import names
@@ -22,7 +21,8 @@ from feltmb.run.stroke import (
     sequence,
     table_stroke,
 )
-from feltmb.units.quantity import shortened
+from unmodeled.errors import Error, InvalidParameter, printable
+from unmodeled.units.quantity import shortened
 
 __all__ = ["LONGEST", "Asked", "Playing", "Turned", "fault_of"]
 
@@ -46,7 +46,7 @@ def _packaged(name: str) -> Stroke:
 
 def fault_of(error: Exception) -> str:
     """Message of an error for the page; internal errors are written to the log."""
-    if isinstance(error, FeltmbError):
+    if isinstance(error, Error):
         return str(error)
     _LOG.error("feltmb live: unexpected error", exc_info=error)
     text = printable(f"{type(error).__name__}: {error}")[:300]

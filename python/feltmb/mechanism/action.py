@@ -14,19 +14,25 @@ from typing import TYPE_CHECKING, Any
 from pydantic import ValidationError
 
 from feltmb import _core
-from feltmb.above import above
-from feltmb.arguments import checked
 from feltmb.contact.laws import Law
 from feltmb.contact.tables import CORE_LAWS, LAWS
 from feltmb.display import html_table, picture
-from feltmb.errors import InvalidParameter, shown
 from feltmb.mechanism.checking import validate
 from feltmb.mechanism.numbers import BareChange, Value, bare_changes, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
-from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
+from feltmb.mechanism.values import (
+    apply_numbers,
+    apply_values,
+    check_values,
+    expand_path,
+    plain_data,
+)
 from feltmb.mechanism.workshop import plain_values
-from feltmb.units.quantity import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, shown
+from unmodeled.lazy import lazy_import
+from unmodeled.units.quantity import (
     is_quantity,
 )
 
@@ -119,19 +125,19 @@ class Action:
         options: Any = None,
         tell: Callable[..., None] | None = None,
     ) -> Any:
-        """Find what the mechanism lacks: :meth:`feltmb.fit.Model.diagnose` of its model.
+        """Find what the mechanism lacks: :meth:`unmodeled.fit.Model.diagnose` of its model.
 
         Parameters
         ----------
         records
-            Measured runs, for example of :func:`feltmb.read`. Their inputs are ``force`` [N] or
+            Measured runs, for example of :func:`unmodeled.read`. Their inputs are ``force`` [N] or
             ``displacement`` [m], their outputs ``hammer_tip.x`` [m] and others.
         effects, exclude, hold_out, options, tell
             As for a model; the default effects are those of the library of the mechanism.
 
         Returns
         -------
-        feltmb.gap.Report
+        unmodeled.Report
         """
         chosen = {"effects": effects, "exclude": exclude, "hold_out": hold_out}
         return self._as_model(records).diagnose(records, options=options, tell=tell, **chosen)
@@ -139,23 +145,23 @@ class Action:
     def fit(
         self, records: Any, *, options: Any = None, tell: Callable[..., None] | None = None
     ) -> Any:
-        """Fit its tolerances to records: :meth:`feltmb.fit.Model.fit` of its model.
+        """Fit its tolerances to records: :meth:`unmodeled.fit.Model.fit` of its model.
 
         Parameters
         ----------
         records
             Measured runs, as for :meth:`diagnose`.
         options, tell
-            As for :func:`feltmb.gap.fit_model`.
+            As for :func:`unmodeled.fit_model`.
 
         Returns
         -------
-        feltmb.gap.Report
+        unmodeled.Report
         """
         return self._as_model(records).fit(records, options=options, tell=tell)
 
     def _as_model(self, records: Any) -> Any:
-        return above("adapters.model", "model_of")(self, records)
+        return lazy_import("feltmb.adapters.model:model_of")(self, records)
 
     def __reduce__(self) -> tuple[Any, ...]:
         self._refuse_laws("pickled")
@@ -206,7 +212,10 @@ class Action:
         if reading["rows"]:
             tables["rows"] = reading["rows"]
         del tables["screws"]  # names only
-        for table in ("motor", "dashpots", "leads"):
+        tables["bushings"] = {
+            key: b for key, b in tables["bushings"].items() if self.config.bushings[key].friction
+        }
+        for table in ("motor", "dashpots", "leads", "bushings"):
             if not tables[table]:
                 del tables[table]  # as before this entry existed: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
@@ -270,6 +279,7 @@ class Action:
             A path does not exist, or a value is out of range.
         """
         if isinstance(values, Mapping):
+            check_values(values, "with_values")
             values = plain_values(self.config, self._raw, values)
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin

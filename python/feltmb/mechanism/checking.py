@@ -11,14 +11,14 @@ from typing import Any
 from pydantic import ValidationError
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.contact.tables import CORE_LAWS, LAWS
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.partial import without_faults
 from feltmb.mechanism.schema import Contact, MechanismFile
 from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.mechanism.workshop import faults as workshop_faults
-from feltmb.units.quantity import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import (
     MOST_FAULTS,
     fault_lines,
     fault_text,
@@ -64,6 +64,7 @@ _REFERENCES = (
     ("surfaces.*.body", "body"),
     ("points.*.body", "body"),
     ("leads.*.body", "body"),
+    ("bushings.*.body", "body"),
     ("straps.*.body_a", "body"),
     ("straps.*.body_b", "body"),
     ("contacts.*.surfaces", "surface"),

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 from pydantic import BaseModel
 
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.schema import Body, Contact, MechanismFile
 from feltmb.mechanism.values import (
     AXES,
@@ -20,7 +19,8 @@ from feltmb.mechanism.values import (
     split_operator,
     unit_in_file,
 )
-from feltmb.units.quantity import shortened, unit_of
+from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import shortened, unit_of
 
 __all__ = [
     "BareChange",

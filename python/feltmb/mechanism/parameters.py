@@ -17,14 +17,14 @@ from typing import Any, Protocol, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, MechanismFile, describe, expand_path, parse_setting
 from feltmb.mechanism.numbers import Parameter, numbers_below, read_entry, replace_entry
 from feltmb.mechanism.values import AXES, is_bare, si_factor, split_operator, unit_in_file
 from feltmb.mechanism.workshop import plain_values, told_turns
-from feltmb.units import conversion_factor, unit_suffix
-from feltmb.units.quantity import shortened
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.units import conversion_factor, unit_suffix
+from unmodeled.units.quantity import shortened
 
 __all__ = [
     "Parameter",

@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from feltmb import params
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fiber.material import load_material
-from feltmb.files import MOST_EXTENDS, beside, named_file, read_toml
 from feltmb.mechanism.values import apply_values
-from feltmb.units.quantity import (
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import MOST_EXTENDS, beside, named_file, read_toml
+from unmodeled.units.quantity import (
     shortened,
 )
 
@@ -43,7 +43,7 @@ def files_of(path: Path) -> tuple[Path, ...]:
     As many as its faults permit to find; a missing file is included.
     """
     opened: list[Path] = []
-    with contextlib.suppress(FeltmbError):
+    with contextlib.suppress(Error):
         load_raw(path, resolve, opened=opened)
     return tuple(dict.fromkeys(opened))
 

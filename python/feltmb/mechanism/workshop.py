@@ -11,12 +11,13 @@ import re
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.numbers import number_at
 from feltmb.mechanism.schema import MechanismFile, Screw
 from feltmb.mechanism.to_core import with_leads
 from feltmb.mechanism.values import expand_path, split_operator, tidy
-from feltmb.units.quantity import parse_scalar, shortened
+from unmodeled.errors import InvalidParameter
+from unmodeled.units import conversion_factor
+from unmodeled.units.quantity import parse_scalar, shortened
 
 __all__ = [
     "distance_from_joint",
@@ -35,7 +36,11 @@ __all__ = [
 LEAD_REACH = 1.1
 
 _LEAD = re.compile(r"\s*(.+?)\s+at\s+(.+?)\s*")
-_TURNS = re.compile(r"\s*(.+?)\s*turns?\s*")
+#: Turns of a screw: 0.5turn, 0,5 turn, 3/4 turn, 1 1/2 turns; or an angle: 90deg.
+_TURNS = re.compile(
+    r"\s*(?P<sign>[-+]?)(?:(?P<whole>\d+[.,]?\d*|[.,]\d+)?\s*?(?:(?<!\d)(?P<over>\d+)/(?P<under>[1-9]\d*))?)"
+    r"\s*(?P<unit>turns?|deg|°|rad|rev)\s*"
+)
 
 
 def _word(name: str) -> str:
@@ -96,24 +101,36 @@ def _leads(config: MechanismFile, value: Any) -> dict[str, dict[str, str]]:
     return added
 
 
+def _turns(text: str) -> float | None:
+    """Turns of a text such as ``3/4 turn`` or ``90deg``; None: it is neither."""
+    found = _TURNS.fullmatch(text)
+    if found is None or not (found["whole"] or found["over"]):
+        return None
+    number = float((found["whole"] or "0").replace(",", "."))
+    number += int(found["over"]) / int(found["under"]) if found["over"] else 0.0
+    number = -number if found["sign"] == "-" else number
+    unit = found["unit"]
+    return number if unit.startswith("turn") else number * conversion_factor(unit, "rev")
+
+
 def _amount(screw: Screw, what: str, operator: str, value: Any) -> float:
     """Travel of a screw along its direction [m], from turns or a length."""
     if operator not in ("+", "-"):
         raise InvalidParameter(
             f"{what}: a screw is turned by an amount, such as {what}+=0.5turn or {what}-=0.2mm"
         )
-    turns = _TURNS.fullmatch(value) if isinstance(value, str) else None
     try:
+        turns = _turns(value) if isinstance(value, str) else None
         if turns is None:
             amount = parse_scalar(value, "m")
         elif screw.pitch is None:
             raise ValueError("has no thread in [screws]; expected a length, such as 0.2mm")
         else:
-            amount = parse_scalar(turns[1], "1") * screw.pitch
+            amount = turns * screw.pitch
     except ValueError as error:
         raise InvalidParameter(
-            f"{what}{operator}={value}: {error}; expected turns or a length, such as "
-            f"{what}{operator}=0.5turn or {what}{operator}=0.35mm"
+            f"{what}{operator}={value}: {error}; expected turns, an angle or a length, such as "
+            f"{what}{operator}=0.5turn, {what}{operator}=90deg or {what}{operator}=0.35mm"
         ) from None
     return -amount if operator == "-" else amount
 

@@ -5,8 +5,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from feltmb.errors import InvalidParameter, near_names, shown
-from feltmb.files import is_file, why_missing
+from unmodeled.errors import InvalidParameter, near_names, shown
+from unmodeled.files import is_file, why_missing
 
 __all__ = ["find", "folder", "names", "sources", "texts"]
 

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
-from feltmb.errors import near_names, shown
+from unmodeled.errors import near_names, shown
 
 if TYPE_CHECKING:
     import pandas as pd

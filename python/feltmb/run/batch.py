@@ -12,12 +12,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter, ModelError
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
 from feltmb.run.simulate import prepare, to_run
 from feltmb.run.stroke import Stroke
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter, ModelError
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run
@@ -29,7 +30,7 @@ __all__ = ["simulate_many"]
 def simulate_many(
     strokes: Iterator[Any]  # asked for one by one
     | Iterable[tuple[Action, Stroke] | tuple[Action, Stroke, Mapping[str, Any]]],
-    take: Callable[[int, Run | FeltmbError], object],
+    take: Callable[[int, Run | Error], object],
     *,
     jobs: int | None = None,
     ordered: bool = True,
@@ -79,7 +80,7 @@ def simulate_many(
     _refuse(given)
     chosen = replace(options or RunOptions(ledger=False), **given)
     under_way: dict[int, tuple[Any, ...]] = {}
-    faults: dict[int, FeltmbError] = {}  # errors of strokes that could not start, by index
+    faults: dict[int, Error] = {}  # errors of strokes that could not start, by index
     handed = 0
     going = True
     guard = threading.Lock()
@@ -92,7 +93,7 @@ def simulate_many(
                     _refuse(own[0])
                 each = replace(chosen, **own[0]) if own else chosen
                 settings, arguments = prepare(action, stroke, each)
-            except FeltmbError as fault:
+            except Error as fault:
                 if ordered:
                     faults[position] = fault
                 else:
@@ -103,7 +104,7 @@ def simulate_many(
             begun += 1
             yield _core.BatchStroke(mechanism, drive, settings, start, monitors, memory)
 
-    def give(position: int, outcome: Run | FeltmbError) -> None:
+    def give(position: int, outcome: Run | Error) -> None:
         nonlocal handed, going
         if not going:
             return

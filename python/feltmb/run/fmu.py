@@ -15,12 +15,12 @@ from typing import Any, Literal
 from xml.sax.saxutils import quoteattr
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import check_suffix, write_file
 from feltmb.mechanism import Action, describe, load_action
 from feltmb.run.simulate import refuse_kind
 from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import check_suffix, write_file
 
 __all__ = ["export_fmu"]
 

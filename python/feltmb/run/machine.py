@@ -14,14 +14,15 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter, shown
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, list_changes
 from feltmb.run.options import check_options
 from feltmb.run.simulate import initial_values, refuse_kind, start_monitors
 from feltmb.run.stroke.strokes import LARGEST, PRESCRIBED, UNITS, Kind
-from feltmb.units import conversion_factor
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, shown
+from unmodeled.units import conversion_factor
 
 __all__ = ["Machine", "MachineState"]
 

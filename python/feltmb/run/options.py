@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.units.quantity import shortened
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.units.quantity import shortened
 
 __all__ = ["ALL_OPTIONS", "OPTIONS", "RunOptions", "check_options", "options_given"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from feltmb import params
-from feltmb.arguments import checked
-from feltmb.files import read_toml
+from unmodeled.arguments import checked
+from unmodeled.files import read_toml
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from feltmb import _core
 from feltmb.mechanism import Action
-from feltmb.units.quantity import shortened
+from unmodeled.units.quantity import shortened
 
 __all__ = ["unreached_lines"]
 

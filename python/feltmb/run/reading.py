@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from feltmb.errors import InvalidParameter
-from feltmb.files import parse_toml
 from feltmb.mechanism import Action, Reading
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import parse_toml
 
 if TYPE_CHECKING:
     import numpy as np

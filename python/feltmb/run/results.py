@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
-from feltmb.arguments import checked
 from feltmb.display import html_table, picture
-from feltmb.errors import DataError, InvalidParameter, no_such
-from feltmb.files import check_suffix, plain_text, write_file
-from feltmb.files.hdf5 import HDF5_FAULTS, open_hdf5
 from feltmb.run.arrays import Numbers, renamed, summary_unit
-from feltmb.units.quantity import fault_lines, shortened
+from unmodeled.arguments import checked
+from unmodeled.errors import DataError, InvalidParameter, no_such
+from unmodeled.files import check_suffix, plain_text, write_file
+from unmodeled.files.hdf5 import HDF5_FAULTS, open_hdf5
+from unmodeled.units.quantity import fault_lines, shortened
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +45,7 @@ def let_off_words(summary: Mapping[str, float]) -> str:
         return ""
     if "free_flight_time" in summary:
         return "no let-off: thrown off"
-    return "no let-off: jack does not escape" if "jack_toe_time" in summary else ""
+    return "no let-off before hammer strikes" if "jack_toe_time" in summary else ""
 
 
 class Provenance(dict[str, Any]):
@@ -402,7 +402,7 @@ class Run:
         compress
             False: writing takes a quarter of the time, and the file is half as large again.
         """
-        from feltmb.files.netcdf import Variable, encode
+        from unmodeled.files.netcdf import Variable, encode
 
         check_suffix(Path(path), ".nc", ".h5", ".csv")
         if Path(path).suffix.lower() == ".csv":
@@ -597,7 +597,7 @@ def load_run(path: str | Path) -> Run:
         raise
     except HDF5_FAULTS as error:
         reason = shortened(str(error), 300)
-        from feltmb.data.columns import MEASURED_FILES
+        from unmodeled.data.columns import MEASURED_FILES
 
         hint = ""
         if path.suffix.lower() in MEASURED_FILES:

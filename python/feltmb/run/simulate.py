@@ -11,8 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter, near_names
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action, load_action
 from feltmb.run.events import Change, list_changes, name_events
 from feltmb.run.options import ALL_OPTIONS, RunOptions, check_options
@@ -26,7 +25,9 @@ from feltmb.run.strikes import (
 )
 from feltmb.run.stroke import MOTORS, Stroke, load_stroke
 from feltmb.run.warnings import run_warnings
-from feltmb.units.quantity import parse_scalar
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, near_names
+from unmodeled.units.quantity import parse_scalar
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -5,7 +5,7 @@ import pytest
 
 import feltmb
 from feltmb.action.actuator import compose, load_actuator
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 RAMP = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0], duration=0.2)
 

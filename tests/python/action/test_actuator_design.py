@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import feltmb
 from feltmb.action.actuator import load_actuator, match, simulate_actuator
 from feltmb.cli import cli
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 
 def target_of(actuator, torque, end, noise=0.0):

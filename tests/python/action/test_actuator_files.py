@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from feltmb.errors import FeltmbError
+from unmodeled.errors import Error
 
 
 def test_an_actuator_run_is_written_as_one_text_of_bytes(tmp_path, monkeypatch):
@@ -16,6 +16,6 @@ def test_an_actuator_run_is_written_as_one_text_of_bytes(tmp_path, monkeypatch):
     monkeypatch.setattr(ActuatorRun, "_variables", lambda _: [])
     monkeypatch.setattr(ActuatorRun, "_attributes", lambda _: {})
     monkeypatch.setattr(Path, "write_bytes", full)
-    with pytest.raises(FeltmbError, match="No space"):
+    with pytest.raises(Error, match="No space"):
         ActuatorRun.__new__(ActuatorRun).save(tmp_path / "a.nc")
     assert not list(tmp_path.iterdir())

@@ -11,7 +11,7 @@ import sympy as sp
 from scipy.optimize import brentq
 
 from feltmb.action.actuator import load_actuator
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 
 def solutions(x, b):

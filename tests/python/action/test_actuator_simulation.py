@@ -6,8 +6,8 @@ from scipy.integrate import solve_ivp
 
 import feltmb
 from feltmb.action.actuator import load_actuator, simulate_actuator, stand_alone
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import core_law
+from unmodeled.errors import InvalidParameter
 
 RAMP = feltmb.torque_stroke([0.0, 0.06], [0.0, 3.0])
 

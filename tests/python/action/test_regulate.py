@@ -6,7 +6,7 @@ import math
 import pytest
 from click.testing import CliRunner
 
-from feltmb import FeltmbError, InvalidParameter, load_action
+from feltmb import Error, InvalidParameter, load_action
 from feltmb.action.regulate import (
     Regulation,
     Targets,
@@ -341,7 +341,7 @@ def test_command_writes_and_reports(tmp_path):
     assert "-0.50" in result.output
     assert load_action(out).name == "steinway45_regulated"
     again = CliRunner().invoke(command, arguments)
-    assert isinstance(again.exception, FeltmbError)
+    assert isinstance(again.exception, Error)
     assert "exists" in str(again.exception)
     assert CliRunner().invoke(command, [*arguments, "--force"]).exit_code == 0
 
@@ -358,7 +358,7 @@ def test_command_writes_nothing_when_a_target_is_not_met(tmp_path):
     wanted = write_targets(tmp_path / "t.toml", 30)
     out = tmp_path / "o.toml"
     result = CliRunner().invoke(command, ["steinway45", "--targets", wanted, "-o", str(out)])
-    assert isinstance(result.exception, FeltmbError)
+    assert isinstance(result.exception, Error)
     assert "dip: target 30 mm is not met: within -5 to +5 mm" in str(result.exception)
     assert not out.exists()
 

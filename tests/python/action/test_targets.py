@@ -9,7 +9,7 @@ from click.testing import CliRunner
 import feltmb
 from feltmb.action.regulate import load_targets
 from feltmb.cli import cli
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 
 def _call(*arguments):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from feltmb import FeltmbError, InvalidParameter, _core, load_action
+from feltmb import Error, InvalidParameter, _core, load_action
 from feltmb.action.regulate.measuring import Bench
 from feltmb.action.regulate.targets import Step
 from feltmb.action.touch import Strike, TouchRow, static_touch, touch
@@ -238,7 +238,7 @@ def test_curve_as_data(measured):
 
 def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action):
     away = action.with_values({"surfaces.Gp10.point.y": 0.09})
-    with pytest.raises(FeltmbError, match=r"does not meet the let-off button.*feltmb regulate"):
+    with pytest.raises(Error, match=r"does not meet the let-off button.*feltmb regulate"):
         static_touch(away)
 
 
@@ -365,7 +365,7 @@ def test_pictures(measured, tmp_path):
     written = measured.plot(tmp_path)
     assert [p.name for p in written] == ["touch_static.png", "touch_dynamic.png"]
     assert all(p.stat().st_size > 20_000 for p in written)
-    with pytest.raises(FeltmbError, match="exists"):
+    with pytest.raises(Error, match="exists"):
         measured.plot(tmp_path)
 
 

@@ -8,10 +8,10 @@ import pytest
 import feltmb
 from feltmb.adapters import load_library, mechanism_model, planned_strokes
 from feltmb.adapters.changes import Change, changed_config, same_values
-from feltmb.data import Record, Sensor
-from feltmb.fit import Effect, LinearModel, Parameter
-from feltmb.gap import Verdict, diagnose
 from feltmb.mechanism.numbers import read_entry
+from unmodeled import Verdict, diagnose
+from unmodeled.data import Record, Sensor
+from unmodeled.fit import Effect, LinearModel, Parameter
 
 ACTION = feltmb.load_action("steinway45")
 LIBRARY = load_library(ACTION)

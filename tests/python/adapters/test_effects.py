@@ -6,9 +6,9 @@ import pytest
 import feltmb
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.changes import changed_config
-from feltmb.data import Record
-from feltmb.fit import Candidate
-from feltmb.fit.observe import observe
+from unmodeled.data import Record
+from unmodeled.fit import Candidate
+from unmodeled.fit.observe import observe
 
 CONDITIONS = {"relative_humidity": 70.0, "cycle": 100.0}
 

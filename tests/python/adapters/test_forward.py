@@ -7,8 +7,8 @@ import feltmb
 from feltmb import _core
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.derivatives import added_states, forward_sensitivities
-from feltmb.data import Record
-from feltmb.fit import Candidate, Jobs, SensitivityRequest
+from unmodeled.data import Record
+from unmodeled.fit import Candidate, Jobs, SensitivityRequest
 
 END = 0.11  # s, shortly after the impact
 #: One of each kind: what it changes is found in another way.

@@ -11,9 +11,9 @@ from feltmb.adapters import action_with_effects, load_library, mechanism_model, 
 from feltmb.adapters.changes import Change, Values, applied
 from feltmb.adapters.findings import action_of_findings
 from feltmb.adapters.model import resolve
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.numbers import read_entry, replace_entry
+from unmodeled.errors import InvalidParameter
 
 ACTION = feltmb.load_action("steinway45")
 

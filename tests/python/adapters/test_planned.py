@@ -1,4 +1,4 @@
-"""Files of planned strokes: what `feltmb stroke`, `feltmb actuator` and a controller read."""
+"""Files of planned strokes: what `feltmb stroke` reads."""
 
 from __future__ import annotations
 
@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.adapters import STROKE_KINDS, finger_limits, mechanism_model
-from feltmb.cli.gap_plan import write_inputs
-from feltmb.cli.models import Adapter
-from feltmb.data import Record
-from feltmb.experiment import DesignedExperiment
-from feltmb.experiment.profiles import FAMILIES
-from feltmb.run.stroke import load_stroke, read_stroke_csv
+from feltmb.adapters import finger_limits, mechanism_model
+from feltmb.extension import write_stroke
+from feltmb.run.stroke import load_stroke
+from unmodeled.data import Record
+from unmodeled.experiment import DesignedExperiment
+from unmodeled.experiment.profiles import FAMILIES
 
 
 @pytest.fixture(scope="module")
@@ -39,29 +38,25 @@ def designed(profile, name, factor=1.0):
 
 
 @pytest.mark.parametrize("family", FAMILIES)
-def test_a_planned_force_is_a_stroke_and_a_torque(model, family, tmp_path):
+def test_a_planned_force_is_a_stroke(model, family, tmp_path):
     profile = profile_of(model, family)
     experiment = designed(profile, "force")
-    asked = (experiment, tmp_path / "1", Adapter(model, (), kinds=STROKE_KINDS), {"force": "N"})
-    stroke_file, torque_file = write_inputs(*asked, lever=0.2, force=False)
-    assert (stroke_file.name, torque_file.name) == ("1.toml", "1_torque.csv")
-    stroke, torque = load_stroke(stroke_file), read_stroke_csv(torque_file)
-    assert (stroke.kind, torque.kind) == ("force", "torque")
+    (stroke_file,) = write_stroke(experiment, tmp_path / "1", {"force": "N"}, force=False)
+    assert stroke_file.name == "1.toml"
+    stroke = load_stroke(stroke_file)
+    assert stroke.kind == "force"
     assert stroke.duration == pytest.approx(profile.end, abs=1e-7)
     time = np.linspace(0.0, profile.end, 400)
     # A monotone cubic through the knots follows the smooth steps.
     assert np.abs(stroke.at(time) - profile.at(time)).max() < 0.02 * np.ptp(profile.at(time))
-    clock = experiment.record.time
-    assert np.allclose(torque.at(clock), 0.2 * profile.at(clock), atol=1e-6)
     assert feltmb.simulate("steinway45", stroke, duration=0.02).status == "done"
-    with pytest.raises(feltmb.FeltmbError, match="exists"):
-        write_inputs(*asked, lever=0.2, force=False)
+    with pytest.raises(feltmb.Error, match="exists"):
+        write_stroke(experiment, tmp_path / "1", {"force": "N"}, force=False)
 
 
 def test_a_planned_motion_is_smooth(model, tmp_path):
     experiment = designed(profile_of(model, "step"), "displacement", 1e-3)
-    adapter, units = Adapter(model, (), kinds=STROKE_KINDS), {"displacement": "m"}
-    (path,) = write_inputs(experiment, tmp_path / "2", adapter, units, force=True)
+    (path,) = write_stroke(experiment, tmp_path / "2", {"displacement": "m"}, force=True)
     stroke = load_stroke(path)
     assert stroke.kind == "key_motion"
     assert stroke.as_dict()["interpolation"] == "spline"
@@ -69,5 +64,4 @@ def test_a_planned_motion_is_smooth(model, tmp_path):
 
 def test_other_inputs_have_no_stroke(model, tmp_path):
     experiment = designed(profile_of(model, "pulse"), "u")
-    adapter, told = Adapter(model, (), kinds=STROKE_KINDS), {"lever": 0.1, "force": True}
-    assert write_inputs(experiment, tmp_path / "3", adapter, {"u": "V"}, **told) == []
+    assert write_stroke(experiment, tmp_path / "3", {"u": "V"}, force=True) == []

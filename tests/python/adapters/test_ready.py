@@ -11,14 +11,14 @@ from feltmb.adapters import mechanism_model
 from feltmb.adapters.model import resolve
 from feltmb.adapters.records import driven as driven_by_force
 from feltmb.adapters.records import first_turn
-from feltmb.cli.models import load_adapter
-from feltmb.data import Record, Sensor
-from feltmb.data.smoothing import smooth_record
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.fit import Jobs, including
-from feltmb.gap import Options, diagnose
-from feltmb.gap.records import prepare, ready_records, split_records
-from feltmb.gap.variation import with_variation
+from unmodeled import Options, diagnose
+from unmodeled.data import Record, Sensor
+from unmodeled.data.smoothing import smooth_record
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.fit import Jobs, including
+from unmodeled.loading import load_model
+from unmodeled.search.records import prepare, ready_records, split_records
+from unmodeled.search.variation import with_variation
 
 ACTION = feltmb.load_action("steinway45")
 FEW = {"tolerances": "let_off_button,felt.03", "channels": "key,hammer", "effects": "camera_skew"}
@@ -378,7 +378,7 @@ def test_a_file_with_motion_and_force_is_driven_by_the_force(driven, tmp_path):
     sheet = 'name = "piano"\ninput_mode = "motion"\ntime = "time"\n[inputs.displacement]\n'
     sheet += 'unit = "mm"\nsigma = 5e-6\n[outputs."finger.force"]\nunit = "N"\n'
     (tmp_path / "piano.toml").write_text(sheet + '[outputs."hammer_tip.x"]\nunit = "mm"\n')
-    adapter = load_adapter("steinway45", ["channels=hammer_tip.x,force"])
+    adapter = load_model("steinway45", {"channels": "hammer_tip.x,force"})
     (read,) = adapter.read([path])
     (kept,) = adapter.model.ready([read]).records
     assert (kept.input_mode, kept.input_units) == ("force", {"force": "N"})

@@ -7,9 +7,9 @@ from feltmb import load_action
 from feltmb.adapters.changes import InputError, SensorError
 from feltmb.adapters.effects import excite_by, observe_by
 from feltmb.adapters.library import load_library
-from feltmb.data import Record
-from feltmb.errors import InvalidParameter
-from feltmb.gap import library
+from unmodeled import library
+from unmodeled.data import Record
+from unmodeled.errors import InvalidParameter
 
 TIME = np.linspace(0.0, 1.0, 1001)
 

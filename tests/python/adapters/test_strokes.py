@@ -8,13 +8,13 @@ from blind.refined import KINDS, refined
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.changes import Configurations, changed_config
 from feltmb.adapters.model import resolve
-from feltmb.data import Record, Sensor
-from feltmb.errors import InvalidParameter
-from feltmb.fit import Candidate, Jobs, SensitivityRequest
-from feltmb.fit.observe import observe, observed_sensitivities
-from feltmb.gap import Options
-from feltmb.gap.records import prepare, ready_records
-from feltmb.gap.variation import varies, with_variation
+from unmodeled import Options
+from unmodeled.data import Record, Sensor
+from unmodeled.errors import InvalidParameter
+from unmodeled.fit import Candidate, Jobs, SensitivityRequest
+from unmodeled.fit.observe import observe, observed_sensitivities
+from unmodeled.search.records import prepare, ready_records
+from unmodeled.search.variation import varies, with_variation
 
 LENGTH = 0.085  # up to shortly before the impact
 

@@ -8,7 +8,8 @@ import pytest
 
 import feltmb
 from feltmb.adapters import mechanism_model
-from feltmb.data import read_records
+from unmodeled.data import read_records
+from unmodeled.errors import DataError
 
 CASES = Path(__file__).parents[3] / "examples" / "gap_action"
 
@@ -61,3 +62,26 @@ def test_a_stroke_that_is_not_held_does_not_reach_the_check(model, strokes):
     (note,) = told(model, [staccato])
     assert note.startswith("no record reaches the check (contact 08 stays 0.95 mm open), by")
     assert note.endswith("add a stroke that goes further and is held there")
+
+
+def test_a_stroke_with_an_unknown_zero_is_told_that_alone(model, strokes):
+    lost = pressed(model, strokes[0], 0.45)
+    lost = replace(lost, outputs={n: v - 0.13 for n, v in lost.outputs.items()})
+    notes = model.ready([lost]).notes
+    assert not [n for n in notes if "no record reaches" in n]
+    (note,) = [n for n in notes if "starts neither at zero nor at the rest values" in n]
+    assert all(f"{n} at " in note for n in lost.outputs if n.endswith((".x", ".y")))
+    assert "--origin CHANNEL=start" in note
+
+
+def test_a_motion_of_the_finger_without_its_zero_is_refused(model, strokes):
+    motion = 0.128 + 0.01 * np.linspace(0.0, 1.0, strokes[0].samples)
+    moved = replace(
+        strokes[0],
+        inputs={"displacement": motion},
+        input_mode="motion",
+        input_units={},
+        input_sigma={},
+    )
+    with pytest.raises(DataError, match=r"displacement starts at 0\.128 m and moves by 0\.01 m"):
+        model.ready([moved])

@@ -6,9 +6,9 @@ import pytest
 from blind.key_hammer import SAMPLE_TIME, KeyHammer, effects
 from blind.truth import STROKES, Part, plain_case
 from blind.truth_sensors import recorded_input
-from feltmb.data import Record
-from feltmb.data.readings import acting
-from feltmb.fit import Candidate, Jobs
+from unmodeled.data import Record
+from unmodeled.data.readings import acting
+from unmodeled.fit import Candidate, Jobs
 
 
 @pytest.mark.parametrize("mode", ["force", "motion"])

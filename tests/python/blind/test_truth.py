@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from blind import key_hammer, small_machine, truth, truth_machine, truth_outside, truth_sensors
-from feltmb.fit import Candidate
-from feltmb.fit.observe import observe
+from unmodeled.fit import Candidate
+from unmodeled.fit.observe import observe
 
 FOLDER = Path(truth.__file__).parent
 KINDS = truth.load_outside(truth_outside)

@@ -18,8 +18,8 @@ from blind.imperfect.stated import stated, to_records
 from blind.marks import Answer, Cause, Marked, Truth, compare, mark, mcnemar, read, table
 from blind.yardstick import run_case
 from blind.yardstick_sets import SEALED, SETS
-from feltmb.data import Record
-from feltmb.fit import Jobs
+from unmodeled.data import Record
+from unmodeled.fit import Jobs
 
 FRICTION = Truth("effect", (Cause(("dry friction",), ("Stribeck friction",)),), {"m": 2.0})
 

@@ -3,8 +3,8 @@
 import click
 import pytest
 
-from feltmb.cli.gap import run
-from feltmb.gap import Options
+from unmodeled import Options
+from unmodeled.cli.diagnose import run
 
 #: Options of the command, and fields of ``Options``.
 NAMES = {

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 import feltmb
 from feltmb import simulate
 from feltmb.cli import cli
-from feltmb.errors import InvalidParameter
-from feltmb.files import make_folder
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import make_folder
 
 
 @pytest.mark.parametrize(

@@ -106,8 +106,8 @@ def test_tables_and_lines_are_printed_at_one_place():
 
 
 def test_tables_show_escapes(capsys):
-    from feltmb.cli.screen import console, say
-    from feltmb.tables import new_table
+    from unmodeled.cli.screen import console, say
+    from unmodeled.tables import new_table
 
     table = new_table(ODD, ODD)
     table.add_row(ODD)

@@ -6,7 +6,7 @@ import click
 import pytest
 
 from feltmb.cli import cli
-from feltmb.cli.options import ListOption, Quantity, split_list
+from unmodeled.cli.options import ListOption, Quantity, split_list
 
 UNIT = re.compile(r"\[(m|m\^2|s|rad|Hz|Pa|N/m|N|kg)\]")
 

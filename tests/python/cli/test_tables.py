@@ -11,9 +11,9 @@ import pytest
 from click.testing import CliRunner
 
 import feltmb.cli
-from feltmb import tables
 from feltmb.cli import cli
-from feltmb.tables import FittingTable, Screen, new_table
+from unmodeled import tables
+from unmodeled.tables import FittingTable, Screen, new_table
 
 CLI = Path(feltmb.cli.__file__).parent
 
@@ -121,7 +121,7 @@ def test_every_table_of_the_commands_is_made_in_one_place():
 
 
 def test_numbers_are_aligned_to_the_right(capsys):
-    from feltmb.cli.screen import console
+    from unmodeled.cli.screen import console
 
     table = new_table("", "name", "value", right=(1,))
     table.add_row("a", "1.5")

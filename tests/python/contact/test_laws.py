@@ -13,8 +13,8 @@ from calls import refused
 
 import feltmb
 from feltmb.contact import CORE_LAWS, LAWS, law
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, Contact
+from unmodeled.errors import InvalidParameter
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 SPRING = {"stiffness": 5e6, "exponent": 2.0, "damping": 0.2}

@@ -9,9 +9,9 @@ from calls import refused
 from readers import READERS
 
 import feltmb
-from feltmb.data import columns
-from feltmb.files import access as files
-from feltmb.units.quantity import parse_scalar
+from unmodeled.data import columns
+from unmodeled.files import access as files
+from unmodeled.units.quantity import parse_scalar
 
 
 @pytest.mark.parametrize(

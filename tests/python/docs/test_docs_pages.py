@@ -199,8 +199,8 @@ def test_the_first_command_installs_the_packages_of_the_live_page():
     assert any("live" in p for p in packages["test"])
     page = (ROOT / "docs" / "howto" / "install.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE) == [
-        "live", "fmi", "mujoco", "parquet", "mcap", "dask", "test", "dev", "docs",
+        "live", "fmi", "mujoco", "parquet", "instruments", "mcap", "dask", "test", "dev", "docs",
     ]  # fmt: skip
     assert set(packages) == {
-        "live", "fmi", "mujoco", "parquet", "mcap", "dask", "test", "dev", "docs",
+        "live", "fmi", "mujoco", "parquet", "instruments", "mcap", "dask", "test", "dev", "docs",
     }  # fmt: skip

@@ -5,9 +5,9 @@ import pytest
 
 from feltmb import load_action
 from feltmb.contact import law
-from feltmb.errors import InvalidParameter
 from feltmb.felt import ConstantArea, audit, audit_targets, envelope, load_material
 from feltmb.fiber.material import packaged_materials
+from unmodeled.errors import InvalidParameter
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from feltmb.errors import InvalidParameter
 from feltmb.fiber import carnaby_pan, carnaby_pan_march, critical_angle, mean_free_length, structure
+from unmodeled.errors import InvalidParameter
 
 MASS = {
     "mu": 0.35,

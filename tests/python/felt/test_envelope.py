@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from feltmb import load_action
-from feltmb.errors import InvalidParameter
 from feltmb.felt import (
     CircleOnLayer,
     ConstantArea,
@@ -16,6 +15,7 @@ from feltmb.felt import (
     packaged_materials,
     parse_area,
 )
+from unmodeled.errors import InvalidParameter
 
 SYNTHETIC = [name for name in packaged_materials() if name.startswith("synthetic")]
 AREAS = (

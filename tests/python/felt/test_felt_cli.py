@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli.felt import command, felt
-from feltmb.errors import FileExists, InvalidParameter
 from feltmb.felt import load_envelope, load_material
+from unmodeled.errors import FileExists, InvalidParameter
 
 
 def run(*args):

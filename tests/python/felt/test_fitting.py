@@ -10,7 +10,6 @@ import pytest
 
 from feltmb import load_action
 from feltmb.cli import main
-from feltmb.errors import InvalidParameter
 from feltmb.felt import (
     CircleOnLayer,
     ConstantArea,
@@ -19,6 +18,7 @@ from feltmb.felt import (
     fit_contact,
     load_material,
 )
+from unmodeled.errors import InvalidParameter
 
 ROOT = Path(__file__).resolve().parents[3]
 FELT_ACTION = load_action("steinway45_felt")

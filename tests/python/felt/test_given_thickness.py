@@ -7,7 +7,6 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli import cli
-from feltmb.errors import DataError
 from feltmb.felt import identify, load_material
 from feltmb.fiber import (
     CompressionData,
@@ -17,6 +16,7 @@ from feltmb.fiber import (
     law,
     read_compression,
 )
+from unmodeled.errors import DataError
 
 FELT = load_material("synthetic_soft_red")
 

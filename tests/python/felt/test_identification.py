@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt import (
     Branch,
     CircleOnLayer,
@@ -18,6 +17,7 @@ from feltmb.felt import (
 )
 from feltmb.felt.identification import fixed_point
 from feltmb.fiber import read_compression
+from unmodeled.errors import DataError, InvalidParameter
 
 NAMES = [name for name in packaged_materials() if name.startswith("synthetic")]
 

@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from feltmb import load_action
 from feltmb.cli.felt import command
 from feltmb.contact import law
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt import Specimen, bulk, fit_law, measured_loop, pool, read_specimen
+from unmodeled.errors import DataError, InvalidParameter
 
 BENCH = Path(__file__).resolve().parents[3] / "bench" / "felt_laws.py"
 SPEC = importlib.util.spec_from_file_location("felt_laws", BENCH)

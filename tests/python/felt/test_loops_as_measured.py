@@ -8,11 +8,11 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli.felt import command
-from feltmb.data import ReadOptions, read_record
-from feltmb.errors import DataError
 from feltmb.felt import ConstantArea, envelope, load_material, measured_loop, read_measured_loop
 from feltmb.fiber import read_compression
 from feltmb.fiber.approach import free_approach
+from unmodeled.data import ReadOptions, read_record
+from unmodeled.errors import DataError
 
 TOP = 1.2
 

@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli.felt import command
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt import measured_loop, read_measured_loop
 from feltmb.fiber import read_compression
+from unmodeled.errors import DataError, InvalidParameter
 
 TOP, SLACK, SHARE = 1e-3, 0.35e-3, 1.6
 #: Loss of loading 2e8 e^2.3 with unloading of the share (e / top)^1.6.

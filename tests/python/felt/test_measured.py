@@ -10,8 +10,8 @@ from scipy.signal import lfilter
 import feltmb
 from feltmb.cli.felt import command
 from feltmb.contact import law
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt import load_envelope, measured_loop, read_measured_loop
+from unmodeled.errors import DataError, InvalidParameter
 
 TRUE = {"loading": (5.52e3, 1.58e3, -0.60e3), "unloading": (0.19e3, 5.04e3, 3.04e3)}
 UP = np.linspace(0.0, 8e-4, 300)

@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli import cli
-from feltmb.errors import DataError, ModelError
 from feltmb.felt import identify, load_material
 from feltmb.fiber import CompressionData, fit, law, read_compression
+from unmodeled.errors import DataError, ModelError
 
 THICK, AREA = 8e-3, 4e-4
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from feltmb.errors import DataError
+from unmodeled.errors import DataError
 
 
 def test_a_changed_checkpoint_is_refused(tmp_path):

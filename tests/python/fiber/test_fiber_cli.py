@@ -7,14 +7,14 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli.fiber import fiber
-from feltmb.errors import FeltmbError, FileExists, InvalidParameter
 from feltmb.fiber import pressure
+from unmodeled.errors import Error, FileExists, InvalidParameter
 
 
 def run(*args, code=0):
     result = CliRunner(env={"COLUMNS": "80"}).invoke(fiber, [str(a) for a in args])
     said, exit_code = result.output, result.exit_code
-    if isinstance(result.exception, FeltmbError):  # feltmb.cli.main prints it
+    if isinstance(result.exception, Error):  # feltmb.cli.main prints it
         said += f"feltmb: {result.exception}"
         exit_code = 2 if isinstance(result.exception, (InvalidParameter, FileExists)) else 1
     elif not isinstance(result.exception, (SystemExit, type(None))):

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from feltmb.errors import InvalidParameter
 from feltmb.fiber import (
     contact_count,
     contacts_per_volume,
@@ -17,6 +16,7 @@ from feltmb.fiber import (
     mean_free_length,
     structure,
 )
+from unmodeled.errors import InvalidParameter
 
 D = 25e-6
 MODELS = ("van_wyk", "van_wyk_tube", "komori_makishima", "pan", "poisson", "binomial", "toll")

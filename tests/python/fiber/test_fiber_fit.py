@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber import CompressionData, compare, fit, pressure, read_compression
 from feltmb.fiber.cycles import find_branches
+from unmodeled.errors import DataError, InvalidParameter
 
 TRUTHS = {
     "van_wyk": {"k_p": 0.02, "E": 2.5e9, "v_f0": 0.13},

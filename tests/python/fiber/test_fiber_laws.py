@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.fiber import (
     compress_arcs,
     granular_stress,
@@ -22,6 +21,7 @@ from feltmb.fiber import (
     structure,
 )
 from thesis_studies.fiber_figures import FELT_EXAMPLES, figures
+from unmodeled.errors import Error, InvalidParameter
 
 E = 2.5e9
 V = np.array([0.12, 0.2, 0.35, 0.5])
@@ -359,7 +359,7 @@ def test_slipping_and_length_distribution():
     two = compress_arcs([0.2], E=E, v_f0=0.05, chord_ratio=0.9, length_shape=3.0)
     # <1/L> of a gamma distribution of mean 1 and shape 3 is 3/2.
     assert two.stored[0] == pytest.approx(1.5 * one.stored[0], rel=1e-12)
-    with pytest.raises(FeltmbError, match="no lateral equilibrium"):
+    with pytest.raises(Error, match="no lateral equilibrium"):
         compress_arcs([0.3], E=E, v_f0=0.05, scheme="simple")
     with pytest.raises(InvalidParameter, match=r"length_shape = 0.5"):
         compress_arcs([0.3], E=E, v_f0=0.05, length_shape=0.5)

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import integrate
 
-from feltmb.errors import InvalidParameter
 from feltmb.fiber import density_structure, narter_tensors, network, structure, uniaxial_tensor
+from unmodeled.errors import InvalidParameter
 
 
 def density(ratio, c):

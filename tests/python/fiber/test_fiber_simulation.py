@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from feltmb._core import fiber as core
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.fiber import Cycle, FiberBox, FiberRun, contacts_per_volume, lay, simulate
+from unmodeled.errors import DataError, InvalidParameter
 
 SMALL = FiberBox(n_fibers=40, n_beads=11, v_f=0.05, crimp=0.2, seed=3, drag=0.05)
 

@@ -6,9 +6,9 @@ import pytest
 
 from feltmb import felt, fiber
 from feltmb.cli import main
-from feltmb.errors import DataError, InvalidParameter
 from feltmb.felt import packaged_materials, read_measured_loop
 from feltmb.fiber.ranges import RANGES
+from unmodeled.errors import DataError, InvalidParameter
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 HERE = Path(__file__).resolve()
 SUBJECT = f"""
 import sys
-sys.path.insert(0, {str(HERE.parents[1] / "gap")!r})
+sys.path.insert(0, {str(HERE.parents[3] / "unmodeled" / "tests" / "diagnosis")!r})
 from models import EFFECTS as effects, NOMINAL as model
 """
 
@@ -17,9 +17,9 @@ def prepare(folder: Path) -> list[str]:
     """Write an adapter and its measured files; return their paths."""
     import sys
 
-    from feltmb.data import write_record
+    from unmodeled.data import write_record
 
-    sys.path.insert(0, str(HERE.parents[1] / "gap"))
+    sys.path.insert(0, str(HERE.parents[3] / "unmodeled" / "tests" / "diagnosis"))
     import models
 
     (folder / "adapter.py").write_text(SUBJECT)

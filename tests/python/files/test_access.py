@@ -9,11 +9,11 @@ from calls import refused
 from readers import READERS
 
 import feltmb
-from feltmb.data import columns, read_record
 from feltmb.fiber import read_compression
-from feltmb.files import access as files
-from feltmb.files import hdf5
 from feltmb.run.stroke import load_stroke
+from unmodeled.data import columns, read_record
+from unmodeled.files import access as files
+from unmodeled.files import hdf5
 
 
 def fifo(path):

@@ -10,8 +10,8 @@ import pytest
 from calls import refused
 
 import feltmb
-from feltmb.data import read_record
-from feltmb.files import hdf5
+from unmodeled.data import read_record
+from unmodeled.files import hdf5
 
 DATA = Path(__file__).parents[2] / "data"
 

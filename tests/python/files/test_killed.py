@@ -95,16 +95,16 @@ WRITERS = {
     "sound": "string.write_wav(folder / 'a.wav', slowness=50)",
     "plots": "feltmb.plot.save_all(run, folder / 'plots', 'a')",
     "animation": "feltmb.animate.animate(run, folder / 'a.gif', slowness=2)",
-    "mechanism": "feltmb.files.write_text(folder / 'a.toml', action.to_toml())",
+    "mechanism": "unmodeled.files.write_text(folder / 'a.toml', action.to_toml())",
     "sweep": (
         "table = feltmb.sweep(action, 'forte', {'arm.mass': [0.02, 0.03]}, folder=folder / 'sweep',"
         " progress=False, summary_only=False).table\n"
-        "    if set(table['status']) != {'done'}: raise feltmb.FeltmbError(table['error'][0])"
+        "    if set(table['status']) != {'done'}: raise feltmb.Error(table['error'][0])"
     ),
 }
 CHILD_THAT_WRITES = """
 import json, pathlib, resource, sys, traceback
-import feltmb, feltmb.files
+import feltmb, unmodeled.files
 action_file, string_file, writers = json.loads(sys.argv[1])
 action = feltmb.load_action(action_file)
 run = feltmb.simulate(action, "forte", 0.02)
@@ -117,7 +117,7 @@ for place, limit in (("full", 900), ("file", hard), ("full", hard)):
         try:
             exec(code.replace("\\n    ", "\\n"))
             said = "wrote"
-        except feltmb.FeltmbError as error:
+        except feltmb.Error as error:
             said = str(error)
         except BaseException:
             said = traceback.format_exc()

@@ -16,7 +16,7 @@ FILES = ["remedy.toml", "report.html", "report.json", "report.txt"]
 def started():
     """Makes processes that have loaded what they need."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["feltmb.cli", "feltmb.gap", "feltmb.cli.gap", "killing"])
+    context.set_forkserver_preload(["feltmb.cli", "unmodeled", "feltmb.cli.gap", "killing"])
     return context
 
 

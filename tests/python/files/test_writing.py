@@ -8,7 +8,7 @@ import pytest
 from calls import refused, short_strike, stroke_command
 
 import feltmb
-from feltmb.files import check_writable, write_text
+from unmodeled.files import check_writable, write_text
 
 
 def test_full_disk_leaves_a_message(tmp_path):
@@ -20,7 +20,7 @@ def test_full_disk_leaves_a_message(tmp_path):
         "resource.setrlimit(resource.RLIMIT_FSIZE, (20000, 20000))\n"
         "try:\n"
         f"    run.save({str(tmp_path / 'run.nc')!r})\n"
-        "except feltmb.FeltmbError as error:\n"
+        "except feltmb.Error as error:\n"
         "    print(error)\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
@@ -36,7 +36,7 @@ def test_names_longer_than_names_of_files(name, tmp_path):
     refused(lambda: feltmb.load_stroke(name), "stroke")
     refused(lambda: feltmb.load_run(name), "there is no such file")
     refused(lambda: feltmb.load_targets(name), "target file")
-    with pytest.raises(feltmb.FeltmbError, match="cannot be written"):
+    with pytest.raises(feltmb.Error, match="cannot be written"):
         check_writable(tmp_path / name, force=False)
 
 
@@ -48,7 +48,7 @@ def test_name_as_long_as_a_name_may_be(tmp_path):
 def test_folder_that_is_a_file_is_seen_before_long_work(tmp_path):
     # found after the simulation: "cannot be written: File exists"
     (tmp_path / "file").touch()
-    with pytest.raises(feltmb.FeltmbError, match="is a file, expected a folder"):
+    with pytest.raises(feltmb.Error, match="is a file, expected a folder"):
         check_writable(tmp_path / "file" / "run.nc", force=False)
 
 

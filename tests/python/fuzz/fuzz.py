@@ -460,9 +460,9 @@ HEADINGS = (
 def csv_heading(case: Case) -> None:
     """The first line of a table, in all the readers of tables."""
     import feltmb
-    from feltmb.data import read_record
     from feltmb.fiber import read_compression
     from feltmb.graphics.viewer import read_curves
+    from unmodeled.data import read_record
 
     rng = case.rng
     parts = []
@@ -484,7 +484,7 @@ def csv_heading(case: Case) -> None:
     for read in readers:
         try:
             read()
-        except feltmb.FeltmbError as error:
+        except feltmb.Error as error:
             faults.append(error)
     for error in faults:
         raise error  # one of them, to be judged as any other
@@ -501,7 +501,7 @@ def measured() -> dict[str, tuple[bytes, bytes]]:
     import scipy.io
     import tomlkit
 
-    from feltmb.data import Record, Sensor, StartPrior, write_record
+    from unmodeled.data import Record, Sensor, StartPrior, write_record
 
     rng = np.random.default_rng(5)
     time = 1e-3 * np.arange(60)
@@ -574,8 +574,8 @@ def record_file(case: Case) -> None:
 
     import tomlkit
 
-    from feltmb.data import read_record, write_record
-    from feltmb.gap.records import check_records
+    from unmodeled.data import read_record, write_record
+    from unmodeled.search.records import check_records
 
     rng = case.rng
     kind = rng.choice(list(measured()))
@@ -614,7 +614,7 @@ def reader_seeds() -> dict[str, list[tuple[str, bytes, bytes]]]:
     import h5py  # noqa: F401  (before the limit on memory)
     import scipy.io
 
-    from feltmb.data import read_record
+    from unmodeled.data import read_record
 
     old = measured()
     out = {
@@ -650,8 +650,8 @@ def reader_seeds() -> dict[str, list[tuple[str, bytes, bytes]]]:
 
 def read_measured(case: Case, reader: str) -> None:
     """A measured file in one format: read, and checked."""
-    from feltmb.data import read_record
-    from feltmb.gap.records import check_records
+    from unmodeled.data import read_record
+    from unmodeled.search.records import check_records
 
     rng = case.rng
     suffix, data, sheet = rng.choice(reader_seeds()[reader])
@@ -926,7 +926,7 @@ TARGETS |= {name: _reader(name) for name in READERS if name not in TARGETS}
 def run_case(target: str, number: int) -> str | None:
     """What is wrong with a case, or None."""
     import feltmb
-    from feltmb.errors import printable
+    from unmodeled.errors import printable
 
     with tempfile.TemporaryDirectory(prefix="fuzz") as name:
         case = Case(random.Random(f"{target} {number}"), Path(name))
@@ -938,7 +938,7 @@ def run_case(target: str, number: int) -> str | None:
             with warnings.catch_warnings():
                 warnings.simplefilter("error")
                 TARGETS[target](case)
-        except feltmb.FeltmbError as error:
+        except feltmb.Error as error:
             text = str(error)
             if not text.strip():
                 wrong = f"{type(error).__name__} without a message"

@@ -6,7 +6,7 @@ import pytest
 
 from feltmb.cli import main
 
-GAP = Path(__file__).parents[3] / "examples" / "gap"
+GAP = Path(__file__).parents[3] / "unmodeled" / "examples"
 
 
 def test_the_report_loads_nothing_and_shows_verdict_and_pictures(browser, tmp_path):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 import feltmb
-from feltmb.files import parse_toml
+from unmodeled.files import parse_toml
 
 PENDULUM = (Path(__file__).resolve().parents[2] / "data" / "pendulum.toml").read_text()
 

@@ -161,7 +161,7 @@ def test_extremes_are_kept():
 
 
 def test_every_curve_is_that_of_the_run(data, forte):
-    from feltmb.style import reader_unit
+    from unmodeled.style import reader_unit
 
     (run,) = data["runs"]
     assert [o["name"] for o in run["outputs"]] == [*forte.names, "hammer_tip.speed"]

@@ -5,9 +5,9 @@ import pytest
 from click.testing import CliRunner
 
 from feltmb.cli.runs import view as command
-from feltmb.data import ReadOptions, read_record
-from feltmb.errors import DataError
 from feltmb.graphics.viewer import read_curves, read_each_run
+from unmodeled.data import ReadOptions, read_record
+from unmodeled.errors import DataError
 
 
 def test_single_carriage_returns_end_lines(tmp_path):

@@ -3,20 +3,12 @@
 import pytest
 
 import feltmb
-from feltmb.errors import InvalidParameter
-from feltmb.gap import (
-    Channel,
-    Effect,
-    Named,
-    ParameterValue,
-    Report,
-    Result,
-    SetOfCauses,
-    Verdict,
-)
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Shelf, knob_of, tint_of, told
 from feltmb.live.states import MOST_KNOTS, Asked, Playing
+from unmodeled import Effect, Report, Verdict
+from unmodeled.errors import InvalidParameter
+from unmodeled.search.result import Channel, Named, ParameterValue, Result, SetOfCauses
 
 
 @pytest.fixture(scope="module")
@@ -183,11 +175,11 @@ def test_the_shelf_keeps_a_few_files_under_names_of_its_own(tmp_path):
 def test_without_the_extra_the_message_says_what_to_install(monkeypatch):
     import sys
 
-    from feltmb.errors import FeltmbError
     from feltmb.live.server import Live
+    from unmodeled.errors import Error
 
     monkeypatch.setitem(sys.modules, "uvicorn", None)
-    with pytest.raises(FeltmbError, match=r"uvicorn.*pip install.*uvicorn"):
+    with pytest.raises(Error, match=r"uvicorn.*pip install.*uvicorn"):
         Live("steinway45")
 
 

@@ -4,9 +4,9 @@ import difflib
 
 import pytest
 
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import load_action
-from feltmb.units import quantity
+from unmodeled.errors import InvalidParameter
+from unmodeled.units import quantity
 
 
 def test_hints_are_made_only_for_faults_that_are_told(monkeypatch, tmp_path):

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import feltmb
-from feltmb.errors import FeltmbError, InvalidParameter
-from feltmb.files import parse_toml
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import parse_toml
 
 PENDULUM = (Path(__file__).resolve().parents[2] / "data" / "pendulum.toml").read_text()
 
@@ -32,7 +32,7 @@ def test_names_are_shortened():
 def test_a_name_longer_than_a_file_name_can_be():
     long = "a" * 5000
     action = feltmb.Action(parse_toml(PENDULUM, "a"))
-    with pytest.raises(FeltmbError):
+    with pytest.raises(Error):
         feltmb.felt.audit_targets(long)
-    with pytest.raises(FeltmbError):
+    with pytest.raises(Error):
         feltmb.sweep(action, "forte", {"arm.mass": [0.1]}, folder=long)

@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from blind import build
 from blind.lumped import Network
-from feltmb.errors import FeltmbError, InvalidParameter
+from unmodeled.errors import Error, InvalidParameter
 
 DESCRIPTION = {
     "masses": {"x": "m"},
@@ -101,5 +101,5 @@ def test_network_is_built_only_when_it_is_out_of_date(tmp_path, monkeypatch):
     build.build_network()
     monkeypatch.setattr(build, "BUILD", tmp_path)
     monkeypatch.setattr(build, "LIBRARY", tmp_path / "none.so")
-    with pytest.raises(FeltmbError, match="needs cmake, which is not installed"):
+    with pytest.raises(Error, match="needs cmake, which is not installed"):
         build.build_network()

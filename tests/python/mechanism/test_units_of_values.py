@@ -7,9 +7,9 @@ from calls import command
 
 import feltmb
 from feltmb import _core
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, describe
 from feltmb.mechanism.parameters import all_parameters
+from unmodeled.errors import InvalidParameter
 
 
 @pytest.fixture(scope="module")

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import math
+import re
 
 import pytest
 
 import feltmb
 import feltmb.action.regulate
 import feltmb.action.touch
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism.to_core import describe, with_leads
 from feltmb.mechanism.workshop import key_ratio, strike_weight
+from unmodeled.errors import InvalidParameter
 
 
 def _key(action):
@@ -60,11 +61,41 @@ def test_screws_by_name(action):
 
 
 @pytest.mark.parametrize(
+    ("text", "turns"),
+    [
+        ("0,5turn", 0.5),
+        ("3/4 turn", 0.75),
+        ("1 1/2 turns", 1.5),
+        ("90deg", 0.25),
+        ("180°", 0.5),
+        ("-1/4turn", -0.25),
+    ],
+)
+def test_turns_as_a_technician_writes_them(action, text, turns):
+    found, wanted = (
+        action.with_values({"capstan +=": t}).value("surfaces.Kp2.point").value
+        for t in (text, f"{turns}turn")
+    )
+    assert found == pytest.approx(wanted, abs=1e-12)
+
+
+def test_every_amount_that_a_message_advises_works(action):
+    with pytest.raises(InvalidParameter) as refused:
+        action.with_values({"capstan +=": "half a turn"})
+    advised = re.findall(r"capstan\+=([\w.]+)", str(refused.value).partition("such as")[2])
+    assert len(advised) == 3
+    for amount in advised:
+        assert action.with_values({"capstan +=": amount}) is not action
+    with pytest.raises(InvalidParameter, match="'0,35mm', expected a decimal point"):
+        action.with_values({"capstan +=": "0,35mm"})
+
+
+@pytest.mark.parametrize(
     ("values", "message"),
     [
         ({"lead": "5 g"}, "5 g at 200 mm"),
         ({"lead": "5 g at 900 mm"}, "a place on the key; the finger presses it at 225 mm"),
-        ({"capstan +=": "half turn"}, r"got .half., expected .*such as capstan\+=0.5turn"),
+        ({"capstan +=": "half turn"}, r"got .half turn., expected .*such as capstan\+=0.5turn"),
         ({"lead": "5 g at 2 N"}, r"leads\.added_1\.position.*does not measure"),
         ({"capstan": "3 mm"}, r"capstan\+=0\.5turn"),
         ({"punchings +=": "1 turn"}, "no thread"),

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 
 def test_the_sequences_of_numbers_are_finite():

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.errors import FeltmbError, shown
+import unmodeled
+from unmodeled.errors import Error, shown
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 HOSTILE = [
@@ -30,10 +31,11 @@ FEW = [object(), {}, math.nan, 10**400, "\ud800", np.ones((2, 3))]
 
 def public_functions():
     """Functions by name, and classes whose arguments are checked."""
-    names = "actuator adapters animate batch contact data felt fiber fit fmu gap graph parameters "
-    names += "plot sensitivity units viewer"
+    names = "actuator adapters animate batch contact felt fiber gap graph parameters "
+    names += "plot sensitivity viewer"
     homes = [feltmb, *(getattr(feltmb, name) for name in names.split())]
     homes += [importlib.import_module(f"feltmb.{name}") for name in ("live", "mechanism")]
+    homes += [unmodeled, unmodeled.data, unmodeled.fit, unmodeled.units]
     found = {}
     for home in homes:
         for name in getattr(home, "__all__", ()):
@@ -50,7 +52,7 @@ FUNCTIONS = public_functions()
 @cache
 def valid(annotation):
     """Valid values by the text of an annotation."""
-    from feltmb.data import Record, Sensor
+    from unmodeled.data import Record, Sensor
 
     if "Record" in annotation:
         time = 1e-3 * np.arange(20)
@@ -95,7 +97,7 @@ def calls(function, value):
 
 
 #: What starts a long computation from a valid call; test_arguments.py calls them.
-LONG = ("feltmb.gap", "feltmb.fit", "feltmb.fiber", "feltmb.felt", "feltmb.action", "feltmb.live",
+LONG = ("unmodeled", "unmodeled.fit", "feltmb.fiber", "feltmb.felt", "feltmb.action", "feltmb.live",
         "feltmb.run.sweep", "feltmb.run.fmu", "feltmb.contact")  # fmt: skip
 
 
@@ -111,7 +113,7 @@ def escapes(name, *, each):
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # what is told of a value that is taken
                     function(**arguments)
-            except FeltmbError as error:
+            except Error as error:
                 if max(map(len, str(error).split()), default=0) > 210:
                     faults.append(f"{shown(arguments)}: a long name in {str(error)[:300]}")
             except Exception as error:

@@ -5,7 +5,10 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))
+PROJECT, DIAGNOSIS = (
+    tomllib.loads((ROOT / folder / "pyproject.toml").read_text("utf-8"))
+    for folder in ("", "unmodeled")
+)
 
 
 def test_the_recipe_has_the_dependencies_of_the_package():
@@ -13,10 +16,18 @@ def test_the_recipe_has_the_dependencies_of_the_package():
     run = recipe.partition("\n  run:\n")[2].partition("\n\n")[0]
     found = {tuple(line.split()[1:]) for line in run.splitlines() if line.strip() != "- python"}
     wanted = set()
-    for text in PROJECT["project"]["dependencies"]:
+    listed = [*PROJECT["project"]["dependencies"], *DIAGNOSIS["project"]["dependencies"]]
+    for text in (t for t in listed if not t.startswith("unmodeled==")):
         name, least = re.fullmatch(r"([\w-]+)(>=[\d.]+)", text).groups()
         wanted.add((f"{name}-base" if name == "matplotlib" else name, least))
     assert found == wanted
+
+
+def test_both_distributions_have_one_version_and_one_license():
+    versions = {p["project"]["version"] for p in (PROJECT, DIAGNOSIS)}
+    assert f"unmodeled=={versions.pop()}" in PROJECT["project"]["dependencies"]
+    assert versions == set()
+    assert (ROOT / "LICENSE").read_bytes() == (ROOT / "unmodeled" / "LICENSE").read_bytes()
 
 
 def test_wheels_are_built_for_the_versions_of_the_classifiers():

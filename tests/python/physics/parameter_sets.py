@@ -68,7 +68,7 @@ def outcome(action: feltmb.Action, number: int) -> Outcome:
     try:
         varied = action.with_values(changed)
         varied.rest_pose  # noqa: B018
-    except feltmb.FeltmbError as error:
+    except feltmb.Error as error:
         return Outcome(number, kind, "refused" if str(error).strip() else "wrong", str(error))
     try:
         run = feltmb.simulate(varied, "forte", max_wall=WALL)

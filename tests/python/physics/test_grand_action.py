@@ -15,9 +15,9 @@ import feltmb
 from feltmb.action.touch import static_touch
 from feltmb.adapters import mechanism_model
 from feltmb.cli import main
-from feltmb.data import Record, Sensor
-from feltmb.gap import Options, diagnose
 from feltmb.run.quasistatic import simulated_press
+from unmodeled import Options, diagnose
+from unmodeled.data import Record, Sensor
 
 G = 9.81
 

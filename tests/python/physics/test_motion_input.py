@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 MASS, ARM, INERTIA = 20e-3, 0.1, 12e-6  # of the pendulum: kg, m, kg m^2 about the center of mass
 ABOUT_PIVOT = INERTIA + MASS * ARM**2

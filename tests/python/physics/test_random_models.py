@@ -50,7 +50,7 @@ def fault(seed, laws=random_models.LAWS):
     for options in ({}, {"rtol": 1e-9}):
         try:
             run = simulated(seed, laws, **options)
-        except feltmb.FeltmbError as error:
+        except feltmb.Error as error:
             return f"seed {seed}: {error}"
         if not np.all(np.isfinite(run.values)):
             return f"seed {seed}: numbers that are not finite, {run.status}"

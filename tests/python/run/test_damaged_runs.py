@@ -121,7 +121,7 @@ def test_another_text_in_the_place_of_the_mechanism(pendulum, tmp_path, text):
     loaded = feltmb.load_run(path)
     assert loaded.plot().axes
     feltmb.view(loaded, tmp_path / "run.html")
-    with pytest.raises(feltmb.FeltmbError) as error:
+    with pytest.raises(feltmb.Error) as error:
         animate(loaded, tmp_path / "run.gif")
     assert len(str(error.value)) < 2000
 

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 import feltmb
-from feltmb import _core, fit, gap
+import unmodeled
+from feltmb import _core
 from feltmb.cli import main
+from unmodeled import fit
 
 STEP = 1e-3
 OUTPUTS = ("key.angle", "hammer.angle", "finger.displacement", "finger.force", "string.strike")
@@ -368,7 +370,7 @@ def test_faults_are_told(loaded):
 def test_a_unit_is_a_model_of_a_diagnosis(pendulum, tmp_path):
     """The mass of the arm is found from a record, by the unit alone."""
     path = feltmb.export_fmu(pendulum, tmp_path / "p.fmu", parameters=["bodies.arm.*"])
-    model = feltmb.fmu(
+    model = unmodeled.fmu(
         path,
         parameters=[fit.Parameter(name="bodies.arm.mass", value=0.02, sd=0.01, unit="kg")],
         inputs={"force": "N"},
@@ -376,12 +378,12 @@ def test_a_unit_is_a_model_of_a_diagnosis(pendulum, tmp_path):
         workers=1,
     )
     time = np.arange(60) * STEP
-    record = gap.Record(
+    record = unmodeled.Record(
         name="one",
         time=time,
         inputs={"force": np.full(60, -0.4)},
         outputs={"arm.angle": np.zeros(60)},
-        sensors={"arm.angle": gap.Sensor(name="arm.angle", sigma=1e-5, unit="rad")},
+        sensors={"arm.angle": unmodeled.Sensor(name="arm.angle", sigma=1e-5, unit="rad")},
     )
     jobs = fit.Jobs(theta=np.array([[0.02], [0.025]]), starts=np.zeros((2, 0)))
     out = model.simulate(record, jobs)[:, :, 0]

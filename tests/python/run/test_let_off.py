@@ -7,9 +7,9 @@ from rich.console import Console
 
 from feltmb import load_action
 from feltmb.cli.stroke import strike_tables, summary_table
-from feltmb.errors import InvalidParameter
 from feltmb.run.events import Change, name_events
 from feltmb.run.results import let_off_words
+from unmodeled.errors import InvalidParameter
 
 RULES = load_action("steinway45").config.events
 
@@ -54,7 +54,7 @@ def test_neither_where_the_jack_pushes_until_the_string():
     ("stroke", "words"),
     [
         ("piano", ""),
-        ("forte", "no let-off: jack does not escape"),
+        ("forte", "no let-off before hammer strikes"),
         ("staccato", "no let-off: thrown off"),
         ("repeated", "no let-off: thrown off"),
     ],

@@ -3,7 +3,7 @@
 import pytest
 
 import feltmb
-from feltmb.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter
 
 
 @pytest.fixture(scope="module")

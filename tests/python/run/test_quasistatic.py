@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from feltmb import load_action
-from feltmb.errors import InvalidParameter
 from feltmb.run.quasistatic import SlowPress, simulated_press
+from unmodeled.errors import InvalidParameter
 
 LEVER = """
 schema = 1

@@ -16,8 +16,8 @@ import pandas as pd
 import pytest
 
 import feltmb
-from feltmb.errors import InvalidParameter
 from feltmb.run.sweep import Axis, Member, axis_values, run_member, run_members, sweep
+from unmodeled.errors import InvalidParameter
 
 SHORT = {"duration": 0.03}
 FORCES = {"stroke.scale": [0.5, 1.0, 2.0]}

@@ -54,7 +54,7 @@ def test_where_no_thread_at_all_can_be_created_a_sweep_ends_in_an_error():
         threading.Thread.start = refused
         try:
             feltmb.sweep(a, "forte", {"stroke.scale": [1.0]}, options={"duration": 0.002})
-        except feltmb.FeltmbError as error:
+        except feltmb.Error as error:
             print(error)
         """
     )

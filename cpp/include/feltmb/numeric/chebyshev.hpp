@@ -19,7 +19,7 @@ class CumulativeIntegral {
 
   template <class Function>
   CumulativeIntegral(Function&& f, double a, double b, std::size_t panels)
-      : a_(a), b_(b), panels_(std::max<std::size_t>(1, panels)) {
+      : a_(a), panels_(std::max<std::size_t>(1, panels)) {
     width_ = (b - a) / static_cast<double>(panels_);
     integrand_.resize(panels_ * kTerms);
     integral_.resize(panels_ * (kTerms + 1));
@@ -92,7 +92,6 @@ class CumulativeIntegral {
     return t * b1 - b2 + c[0];
   }
   double a_ = 0.0;
-  double b_ = 1.0;
   double width_ = 1.0;
   std::size_t panels_ = 1;
   std::vector<double> integrand_, integral_, start_;

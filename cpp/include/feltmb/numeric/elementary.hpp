@@ -2,7 +2,6 @@
 /// bits on every machine (a math library picks fused multiply-adds where the processor has them).
 #pragma once
 
-#include <bit>
 #include <cmath>
 #include <cstdint>
 
@@ -33,8 +32,10 @@ inline ExponentialParts exponential_parts(double x) {
   const double e = 1.0 / 3628800.0 + r * (1.0 / 39916800.0);
   const double f = 1.0 / 479001600.0 + r * (1.0 / 6227020800.0);
   const double series = (a + r2 * b) + r4 * ((c + r2 * d) + r4 * (e + r2 * f));
-  const auto bits = std::bit_cast<std::int64_t>(shifted) - std::bit_cast<std::int64_t>(shift);
-  return {std::bit_cast<double>((bits + 1023) << 52), r + r2 * series};
+  // What std::bit_cast is; the library of Clang 13 has none.
+  const auto bits =
+      __builtin_bit_cast(std::int64_t, shifted) - __builtin_bit_cast(std::int64_t, shift);
+  return {__builtin_bit_cast(double, (bits + 1023) << 52), r + r2 * series};
 }
 
 /// exp(x) for |x| <= 700, to 1 unit in the last place.

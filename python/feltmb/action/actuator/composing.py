@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
 from feltmb.action.actuator.model import Actuator, Section, load_actuator
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, load_action
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping

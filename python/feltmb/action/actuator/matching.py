@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from feltmb.action.actuator.composing import compose
 from feltmb.action.actuator.model import Actuator, load_actuator, simulate_actuator
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke, torque_stroke
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]

@@ -20,10 +20,7 @@ import numpy.typing as npt
 from pydantic import Field, ValidationError
 
 from feltmb import _core, params
-from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter, no_such
-from feltmb.files import write_file
-from feltmb.files.netcdf import Variable, encode
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import (
     LawChoice,
     Source,
@@ -35,8 +32,12 @@ from feltmb.mechanism import (
     spread_laws,
 )
 from feltmb.run.stroke import Stroke, table_stroke, torque_stroke
-from feltmb.units import conversion_factor
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text, shortened
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, no_such
+from unmodeled.files import write_file
+from unmodeled.files.netcdf import Variable, encode
+from unmodeled.units import conversion_factor
+from unmodeled.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 
 if TYPE_CHECKING:
     import xarray as xr

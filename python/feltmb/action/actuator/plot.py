@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb.action.actuator.model import ActuatorRun, degrees
-from feltmb.style import CYCLE, GRAY, NORMAL, head_line, new_figure, side_legend, style_axes
+from unmodeled.style import CYCLE, GRAY, NORMAL, head_line, new_figure, side_legend, style_axes
 
 if TYPE_CHECKING:
     from feltmb.action.actuator.matching import Match

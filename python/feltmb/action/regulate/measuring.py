@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from feltmb.action.regulate.targets import Step
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
+from unmodeled.errors import Error, InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.run.quasistatic import SimulatedPress
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 MOST_SWING = 1e-3
 
 
-class CannotMeasure(FeltmbError):
+class CannotMeasure(Error):
     """The measurement has no result for this action; the message states the reason."""
 
 
@@ -48,7 +48,7 @@ class Bench:
                 raise
             except InvalidParameter:
                 raise
-            except FeltmbError as error:
+            except Error as error:
                 raise CannotMeasure(str(error)) from None
         return self._values[key]
 

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from feltmb.action.regulate.targets import Screw, Step
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.values import tidy
-from feltmb.units import conversion_factor
-from feltmb.units.quantity import parse_scalar
+from unmodeled.errors import InvalidParameter
+from unmodeled.units import conversion_factor
+from unmodeled.units.quantity import parse_scalar
 
 
 @dataclass

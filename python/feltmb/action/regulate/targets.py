@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from feltmb import params
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import read_toml
 from feltmb.mechanism import Action
-from feltmb.units.quantity import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import read_toml
+from unmodeled.units.quantity import (
     SI,
     Schema,
     parse_scalar,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb.action.touch.published import published_numbers
 from feltmb.action.touch.static import Distances, StaticTouch
 from feltmb.action.touch.strikes import Strike
-from feltmb.style import head_line
+from unmodeled.style import head_line
 
 if TYPE_CHECKING:
     from feltmb.run.quasistatic import SimulatedPress
@@ -33,7 +33,7 @@ def static_figure(
 
     ``before``: of another mechanism, drawn with thin lines.
     """
-    from feltmb.figure import Figure
+    from unmodeled.figure import Figure
 
     s = static
     figure = Figure(figsize=(7.5, 5.0), layout="constrained")
@@ -239,7 +239,7 @@ def dynamic_figure(
     """
     from matplotlib.ticker import FuncFormatter
 
-    from feltmb.figure import Figure
+    from unmodeled.figure import Figure
 
     figure = Figure(figsize=(9.0, 7.0), layout="constrained")
     panels = figure.subplots(2, 2)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from feltmb import params
-from feltmb.files import read_toml
+from unmodeled.files import read_toml
 
 
 def published_numbers() -> dict[str, dict[str, Any]]:

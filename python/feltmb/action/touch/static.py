@@ -7,9 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 #: Row spacing of the static path [m]; margin of the window for the weights [m]; force at its end
 #: [N].
 STEP, MARGIN, BOTTOM_FORCE = 2.5e-5, 5e-4, 10.0
+#: Force under which a pressed dip is measured [N]: a weight of 250 g.
+FIRM = 0.25 * 9.80665
 REGULATE = "the action is not regulated: feltmb regulate sets its screws"
 
 
@@ -127,7 +129,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     ------
     ModelError
         There is no equilibrium beyond some travel.
-    FeltmbError
+    Error
         The jack does not meet the hammer or the button, so that nothing can be measured.
     """
     import numpy as np
@@ -145,7 +147,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     dip = down.when(bottom)
     if take_up is None or toe is None:
         what = "the hammer" if take_up is None else "the let-off button"
-        raise FeltmbError(
+        raise Error(
             f"touch of {action.name!r}: the jack does not meet {what} in a press; {REGULATE}"
         )
     notes = []
@@ -166,7 +168,7 @@ def static_touch(action: Action, *, most_travel: float = 0.02) -> StaticTouch:
     lifted_up = _follow(lifted, lifted_down.travel[::-1])
     starts, ends = _met(lifted_down, let_off), lifted_down.when(roles["toe"])
     if starts is None or ends is None or not starts + MARGIN < ends - MARGIN:
-        raise FeltmbError(
+        raise Error(
             f"touch of {action.name!r}: there is no travel between the take-up of the hammer at "
             f"{1e3 * take_up:.2f} mm and the jack toe at {1e3 * toe:.2f} mm to take weights in"
         )
@@ -216,6 +218,7 @@ class Distances:
     blow: float  #: hammer to string at rest
     let_off: float  #: hammer to string where they are closest in a press at 10 mm/s
     dip: float  #: key front to its punching at rest
+    dip_pressed: float  #: descent of the key front under 250 gf; the felt yields
     aftertouch: float  #: key front to its punching at the let-off
 
     @property
@@ -229,10 +232,14 @@ def distances(action: Action, static: StaticTouch, slow: SimulatedPress) -> Dist
     roles = roles_of(action)
     bottom, gap = roles["bottom"], static.press.gap
     measurable = static.has_let_off and static.has_bottom
+    path = static.press
+    firm = (path.travel >= static.end) & (path.force >= FIRM)
+    pressed = float(gap[bottom][0] - gap[bottom][firm][0]) if firm.any() else math.nan
     return Distances(
         blow=float(gap[roles["strike"]][0]),
         let_off=slow.closest,
         dip=float(gap[bottom][0]),
+        dip_pressed=pressed,
         aftertouch=slow.left(bottom) if measurable else math.nan,
     )
 

@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from feltmb.errors import FeltmbError, InvalidParameter
 from feltmb.mechanism import Action
+from unmodeled.errors import Error, InvalidParameter
 
 RISE = 0.020  # s, rise time of the force of a pressed strike
 START = 0.020  # s, start of the finger's motion
@@ -50,7 +50,7 @@ def simulate_strike(action: Action, kind: str, level: float, dip: float) -> Stri
         run = simulate(action, stroke, ledger=False, output_rate=5000.0)
     except InvalidParameter:
         raise
-    except FeltmbError as error:
+    except Error as error:
         return Strike(kind, level, None, None, None, None, None, str(error))
     s = run.summary
     named = action.config.reading.touch

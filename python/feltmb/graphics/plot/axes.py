@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from feltmb.graphics.plot.readings import marked_events, named_events, run_name
-from feltmb.style import GRAY, SMALL, head_line, plain_text, spread_apart
+from unmodeled.style import GRAY, SMALL, head_line, plain_text, spread_apart
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

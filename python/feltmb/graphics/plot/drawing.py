@@ -12,7 +12,7 @@ import numpy.typing as npt
 from feltmb.graphics.plot.outlines import spiral
 from feltmb.graphics.plot.poses import Pose, moving_joints, spring_bodies, string_line, string_reach
 from feltmb.graphics.plot.shapes import Scene, Shape, shape_points
-from feltmb.style import FELT, GRAY, GREEN, INK, RAIL, SURFACE, body_fill
+from unmodeled.style import FELT, GRAY, GREEN, INK, RAIL, SURFACE, body_fill
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

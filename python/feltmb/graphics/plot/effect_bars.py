@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from feltmb.arguments import checked
-from feltmb.style import BLUE, ORANGE, new_figure, reader_unit, style_axes
+from unmodeled.arguments import checked
+from unmodeled.style import BLUE, ORANGE, new_figure, reader_unit, style_axes
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.axes import head_title, mark_events, panel_grid
 from feltmb.graphics.plot.readings import (
     busy_window,
@@ -21,7 +19,9 @@ from feltmb.graphics.plot.readings import (
     need_samples,
     run_action,
 )
-from feltmb.style import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.style import (
     BLACK,
     BLUE,
     GRAY,

@@ -6,13 +6,13 @@ import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import check_writable, is_folder, make_folder, write_file
 from feltmb.graphics.plot.energies import energy, loops
 from feltmb.graphics.plot.pages import overview
 from feltmb.graphics.plot.portrait import moment_of_run
 from feltmb.graphics.plot.series import contact_forces, finger_force, motion, striker_speed, string
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import check_writable, is_folder, make_folder, write_file
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.axes import head_title, mark_events, set_window
 from feltmb.graphics.plot.readings import (
     action_window,
@@ -30,7 +28,9 @@ from feltmb.graphics.plot.series import (
 )
 from feltmb.run.reading import reading_of, strike_words, striker_speed
 from feltmb.run.results import let_off_words
-from feltmb.style import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.style import (
     CYCLE,
     GRAY,
     LARGE,

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.drawing import draw_bodies, draw_fixed, draw_joints
 from feltmb.graphics.plot.labels import Labels
 from feltmb.graphics.plot.poses import (
@@ -28,7 +26,9 @@ from feltmb.graphics.plot.poses import (
 )
 from feltmb.graphics.plot.readings import LINE, MOST_LETTERS, run_action
 from feltmb.graphics.plot.shapes import Scene, body_center, scene, upper_right_is_free, view_box
-from feltmb.style import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.style import (
     BLACK,
     BLUE,
     DPI,
@@ -45,7 +45,7 @@ from feltmb.style import (
     new_figure,
     plain_text,
 )
-from feltmb.units.quantity import shortened
+from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.arguments import checked
+from unmodeled.arguments import checked
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.run.reading import striker_speed
-from feltmb.style import plain_text
-from feltmb.units.quantity import shortened
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.style import plain_text
+from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
@@ -63,8 +63,8 @@ def run_action(run: Run) -> Action:
     InvalidParameter
         The run does not contain its parameters, or those of another mechanism.
     """
-    from feltmb.files import parse_toml
     from feltmb.mechanism import Action, without_paths
+    from unmodeled.files import parse_toml
 
     text = run.provenance.get("toml")
     if not text:

@@ -14,8 +14,6 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.axes import head_title, mark_events, panel_grid, set_window
 from feltmb.graphics.plot.readings import (
     action_window,
@@ -30,7 +28,9 @@ from feltmb.graphics.plot.readings import (
     string_window,
 )
 from feltmb.run.reading import contact_parties, reading_of, strike_events
-from feltmb.style import (
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.style import (
     BLACK,
     BLUE,
     CYCLE,
@@ -48,7 +48,7 @@ from feltmb.style import (
     side_legend,
     style_axes,
 )
-from feltmb.units.quantity import shortened
+from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.plot.outlines import (
     arc_points,
     capsule,
@@ -30,6 +28,8 @@ from feltmb.graphics.plot.poses import (
     to_ground,
 )
 from feltmb.mechanism.to_core import with_leads
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action, Body, MechanismFile, Surface

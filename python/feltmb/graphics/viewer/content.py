@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.errors import InvalidParameter
 from feltmb.graphics.film import Film
 from feltmb.graphics.plot.outlines import spiral
 from feltmb.graphics.plot.poses import (
@@ -33,7 +32,8 @@ from feltmb.graphics.viewer.curves import Curves
 from feltmb.graphics.viewer.packing import pack_columns, pack_points, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
 from feltmb.run.reading import reading_of, striker_speed
-from feltmb.style import body_fill, reader_unit
+from unmodeled.errors import InvalidParameter
+from unmodeled.style import body_fill, reader_unit
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action, Reading

@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from feltmb.arguments import checked
-from feltmb.data import ReadOptions, Record
-from feltmb.data.columns import read_columns
-from feltmb.data.files import read_each, read_sheet
-from feltmb.data.mapping import clock_column, unit_of_column
-from feltmb.data.readings import true_input
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.units import to_si
-from feltmb.units.quantity import fault_text
+from unmodeled.arguments import checked
+from unmodeled.data import ReadOptions, Record
+from unmodeled.data.columns import read_columns
+from unmodeled.data.files import read_each, read_sheet
+from unmodeled.data.mapping import clock_column, unit_of_column
+from unmodeled.data.readings import true_input
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.units import to_si
+from unmodeled.units.quantity import fault_text
 
 Array = npt.NDArray[np.float64]
 
@@ -89,8 +89,8 @@ def read_curves(path: str | Path, options: ReadOptions | None = None) -> Curves:
     """Read a file with the columns ``time [ms]`` and, for example, ``hammer_tip.vx [m/s]``.
 
     With a TOML file of the same name, or with options, the file is read as a measured record
-    (:func:`feltmb.data.read_record`): names, columns, units, scales and origins. Gain, offset and
-    delay of a sensor that the TOML file states are removed, so that the curve is that of the
+    (:func:`unmodeled.data.read_record`): names, columns, units, scales and origins. Gain, offset
+    and delay of a sensor that the TOML file states are removed, so that the curve is that of the
     machine. Otherwise every column is a curve. Units are converted to SI. An empty cell is missing.
 
     Parameters

@@ -13,12 +13,12 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
-from feltmb.files import check_writable, write_text
 from feltmb.graphics.plot.readings import named_events
 from feltmb.graphics.viewer.content import MOST_RUNS, default_panels, describe
 from feltmb.graphics.viewer.curves import Curves
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import check_writable, write_text
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run

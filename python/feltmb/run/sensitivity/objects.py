@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.arguments import checked
 from feltmb.display import html_table, picture
-from feltmb.errors import InvalidParameter, no_such
 from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, no_such
 
 if TYPE_CHECKING:
     import numpy as np

@@ -6,10 +6,10 @@ from collections.abc import Iterable
 from typing import Any
 
 from feltmb import _core
-from feltmb.errors import InvalidParameter
 from feltmb.mechanism import Action
 from feltmb.mechanism.parameters import Parameter, all_parameters, find_parameters, mechanism_with
 from feltmb.run.stroke import Stroke
+from unmodeled.errors import InvalidParameter
 
 #: Relative shift of parameters for df/dp; the errors by rounding and by curvature are below 1e-8 of
 #: the derivative.

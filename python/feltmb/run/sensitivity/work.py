@@ -8,8 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import IntegrationError, InvalidParameter
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.parameters import Parameter
 from feltmb.run.sensitivity.objects import Gradient, Segment, place_of, state_names
@@ -17,6 +16,8 @@ from feltmb.run.sensitivity.shifting import choose_parameters, shifted
 from feltmb.run.sensitivity.summary import Summary, add_rules, looks_of, summarize
 from feltmb.run.simulate import check_input
 from feltmb.run.stroke import Stroke, load_stroke
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,9 +10,6 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from feltmb import params
-from feltmb.arguments import checked
-from feltmb.errors import DataError, InvalidParameter
-from feltmb.files import read_toml
 from feltmb.run.stroke.strokes import (
     PRESCRIBED,
     UNITS,
@@ -25,8 +22,11 @@ from feltmb.run.stroke.strokes import (
     table_of,
     usual_interpolation,
 )
-from feltmb.units import conversion_factor
-from feltmb.units.quantity import SI, Schema, fault_lines, fault_text
+from unmodeled.arguments import checked
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.files import read_toml
+from unmodeled.units import conversion_factor
+from unmodeled.units.quantity import SI, Schema, fault_lines, fault_text
 
 
 class _Ramp(Schema):
@@ -176,8 +176,8 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
     The input is ``force``, ``torque``, ``motor angle``, ``key displacement`` or ``displacement``
     (of the finger), the first of them that the file has. Other columns are ignored. Separators,
     decimal commas and lines above the header are those of measured records
-    (:func:`feltmb.data.read_record`). The interpolation between rows is a monotone cubic; a spline
-    for the two motions that are prescribed exactly; linear for a torque. Units are converted
+    (:func:`unmodeled.data.read_record`). The interpolation between rows is a monotone cubic; a
+    spline for the two motions that are prescribed exactly; linear for a torque. Units are converted
     (``time [ms],displacement [mm]``). All faults are collected: a missing column or unit, cells
     that are not finite numbers, times that do not increase, gaps of more than five sample
     intervals.
@@ -188,8 +188,8 @@ def read_stroke_csv(path: str | Path, *, interpolation: Interpolation | None = N
         The file has faults; all of them are in the message, with line numbers.
     """
     path = Path(path)
-    from feltmb.data.columns import read_columns
-    from feltmb.data.mapping import clock_column, values_in
+    from unmodeled.data.columns import read_columns
+    from unmodeled.data.mapping import clock_column, values_in
 
     columns = read_columns(path, strict=False)
     faults: list[str] = []

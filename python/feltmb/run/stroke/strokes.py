@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     import numpy as np
@@ -155,7 +155,7 @@ class Stroke:
     @property
     def noise(self) -> float:
         """Estimated standard deviation of the noise of a sampled record, in :attr:`unit`."""
-        from feltmb.data.smoothing import noise_of_record
+        from unmodeled.data.smoothing import noise_of_record
 
         return noise_of_record(self.value)
 
@@ -167,7 +167,7 @@ class Stroke:
         noise
             Standard deviation of the noise, in :attr:`unit`; default: :attr:`noise`.
         """
-        from feltmb.data.smoothing import smooth_record
+        from unmodeled.data.smoothing import smooth_record
 
         value = smooth_record(self.time, self.value, self.noise if noise is None else noise)
         return replace(self, value=tuple(value.tolist()), interpolation="spline")

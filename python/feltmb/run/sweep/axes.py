@@ -9,10 +9,10 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
-from feltmb.arguments import checked
-from feltmb.errors import InvalidParameter, shown
 from feltmb.run.options import OPTIONS, check_options
 from feltmb.run.stroke import Stroke
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, shown
 
 
 def _is_finite(value: object) -> bool:

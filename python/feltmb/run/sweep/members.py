@@ -16,12 +16,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from feltmb import _core
-from feltmb.arguments import checked
-from feltmb.errors import FeltmbError, IntegrationError, InvalidParameter
-from feltmb.files import Store, digest_of, make_folder, package_digest
+from feltmb.errors import IntegrationError
 from feltmb.mechanism import Action
 from feltmb.run.batch import simulate_many
 from feltmb.run.stroke import Stroke
+from unmodeled.arguments import checked
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.files import Store, digest_of, make_folder, package_digest
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run
@@ -51,7 +52,7 @@ class Member:
     def key(self) -> str:
         """SHA-256 of parameters, stroke, options, and code."""
         return digest_of(
-            package_digest(),
+            package_digest("feltmb"),
             self.action.hash,
             self.values,
             self.stroke.as_dict(),
@@ -94,17 +95,15 @@ class Outcome:
 def one_line(error: BaseException) -> str:
     """Message of an error, with its type if it is not an error of feltmb."""
     text = " ".join(str(error).split())
-    return (
-        text if isinstance(error, FeltmbError) else f"{type(error).__name__}: {text}".rstrip(": ")
-    )
+    return text if isinstance(error, Error) else f"{type(error).__name__}: {text}".rstrip(": ")
 
 
 def failure_outcome(error: Exception) -> Outcome:
     """Outcome of a member without a run."""
-    return Outcome("failed" if isinstance(error, FeltmbError) else "error", one_line(error))
+    return Outcome("failed" if isinstance(error, Error) else "error", one_line(error))
 
 
-def to_outcome(member: Member, result: Run | FeltmbError) -> Outcome:
+def to_outcome(member: Member, result: Run | Error) -> Outcome:
     """Outcome of a member, from its run or from an error."""
     status, error = "done", ""
     if isinstance(result, IntegrationError):
@@ -112,7 +111,7 @@ def to_outcome(member: Member, result: Run | FeltmbError) -> Outcome:
         if run.status != "failed":  # the state at a wall time limit is random
             return Outcome("error", error, reached=run.reached, wall=float(run.stats["wall"]))
         status = "failed"
-    elif isinstance(result, FeltmbError):
+    elif isinstance(result, Error):
         return failure_outcome(result)
     else:
         run = result
@@ -121,7 +120,7 @@ def to_outcome(member: Member, result: Run | FeltmbError) -> Outcome:
         if member.save_run:
             try:
                 run.save(member.save_run, force=True)
-            except FeltmbError as failure:  # a fault of the disk, not of the member: it is repeated
+            except Error as failure:  # a fault of the disk, not of the member: it is repeated
                 return Outcome("error", one_line(failure))
     except Exception as failure:  # a member must not stop the others
         return failure_outcome(failure)
@@ -137,7 +136,7 @@ def run_member(member: Member) -> Outcome:
 
     try:
         action = member.changed_action()
-        result: Run | FeltmbError
+        result: Run | Error
         try:
             result = simulate(action, member.stroke, **member.simulate_options())
         except IntegrationError as failure:
@@ -260,7 +259,7 @@ class _Batch:
         try:
             thread.start()
         except RuntimeError as refused:  # by the system
-            raise FeltmbError(f"sweep: its thread could not be started: {refused}") from None
+            raise Error(f"sweep: its thread could not be started: {refused}") from None
         try:
             while (found := self._ready.get()) is not None:
                 yield found
@@ -312,7 +311,7 @@ class _Batch:
             begun += 1
             yield action, member.stroke, member.simulate_options()
 
-    def _take(self, index: int, result: Run | FeltmbError) -> bool:
+    def _take(self, index: int, result: Run | Error) -> bool:
         member = self._under_way.pop(index)
         return self._finish(member, to_outcome(member, result))
 

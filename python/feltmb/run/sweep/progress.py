@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from feltmb.arguments import checked
+from unmodeled.arguments import checked
 
 Progress = Callable[[int, int, str], object]
 

@@ -11,10 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from feltmb.arguments import checked
 from feltmb.display import html_table
-from feltmb.errors import InvalidParameter, shown
-from feltmb.files import check_suffix, make_folder, write_text
 from feltmb.mechanism import Action, load_action, plain_data
 from feltmb.mechanism.parameters import told_paths
 from feltmb.mechanism.values import apply_values, split_operator
@@ -24,6 +21,9 @@ from feltmb.run.stroke import Stroke, load_stroke
 from feltmb.run.sweep.axes import Axis, apply_point, axis_values, grid_points
 from feltmb.run.sweep.members import Member, Outcome, one_line, run_members
 from feltmb.run.sweep.progress import Progress, ProgressBar
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter, shown
+from unmodeled.files import check_suffix, make_folder, write_text
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -1,0 +1,384 @@
+"""``feltmb keyboard``: weights of 88 keys, and ground truth for sensors of keyboards."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from feltmb.cli.completing import actions, packaged
+from unmodeled.cli.options import (
+    FORCE,
+    FileName,
+    Number,
+    Quantity,
+    argument,
+    count,
+    declare,
+    option,
+    picture,
+    positive,
+)
+from unmodeled.cli.screen import (
+    check_targets,
+    complain,
+    console,
+    print_json,
+    save_figure,
+    save_text,
+    say_written,
+    show,
+    working,
+)
+
+if TYPE_CHECKING:
+    from feltmb.keyboard import Balance, VelocityCurve
+
+__all__ = ["command"]
+
+
+class _Keyboard(click.Group):
+    """Group whose command ``weights`` need not be named: ``feltmb keyboard FILE``."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        named = args[0] in self.commands or args[0].startswith("-")
+        return super().resolve_command(ctx, args if named else ["weights", *args])
+
+
+@click.group(cls=_Keyboard, context_settings={"help_option_names": ["-h", "--help"]})
+def command() -> None:
+    """Weights of the keys of a keyboard, and ground truth for its sensors.
+
+    feltmb keyboard FILE is short for feltmb keyboard weights FILE.
+    """
+
+
+RATIO = option("Key ratio of keys without a measured one; default: 0.5.", Number(0.3, 0.8))
+WHIPPEN = option(
+    "Whippen radius weight of keys without a measured one [kg], such as 19.5g; default: 18.5 g.",
+    Quantity("kg", 0.005, 0.04),
+    words="--whippen",
+)
+
+
+def _analyzed(file: Path, key_ratio: float | None, whippen: float | None) -> Balance:
+    from feltmb.keyboard import analyze, read_keyboard
+
+    weight = None if whippen is None else 1e3 * whippen
+    return analyze(read_keyboard(file), key_ratio=key_ratio, whippen_weight=weight)
+
+
+@declare("weights", command)
+def weights(
+    file: Path = argument(),
+    key_ratio: float | None = RATIO,
+    whippen: float | None = WHIPPEN,
+    target: float | None = option(
+        "Wanted balance as played [kg], such as 38g; default: the smooth curve.",
+        Quantity("kg", 0.01, 0.1),
+    ),
+    lead_at: float = option(
+        "Distance of added lead from the balance pin [m].", positive("m"), 0.14
+    ),
+    image: Path | None = picture("Draw all weights over the keys."),
+    out: Path | None = option(
+        "Write the page (.html), all numbers (.csv), or the weights for Piano Touch Lab (.json).",
+        FileName(".html", ".csv", ".json"),
+        metavar="FILE",
+    ),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Balance, friction and strike weight ratio of each key of FILE, and the list of work.
+
+    FILE is a CSV file with one row a key (key, down weight, up weight, front weight, strike weight,
+    and optionally down weight with support spring, key ratio), or JSON of Piano Touch Lab.
+    """
+    from feltmb.keyboard.report import draw, html_page, key_table, sentences
+    from feltmb.keyboard.work import list_of_work
+
+    check_targets(out, pictures=(image,), force=force)
+    balance = _analyzed(file, key_ratio, whippen)
+    wanted = None if target is None else 1e3 * target
+    work = list_of_work(balance, target=wanted, lead_at=lead_at)
+    if as_json:
+        outliers = [vars(o) for o in balance.outliers]
+        print_json(
+            {
+                "summary": balance.summary(),
+                "notes": list(balance.notes),
+                "outliers": outliers,
+                "work": work.to_dict("records"),
+            }
+        )
+    else:
+        screen = console()
+        for text in (*sentences(balance), *(f"Note: {n}." for n in balance.notes)):
+            screen.print(text)
+        if balance.outliers:
+            show(
+                "keys that stand out",
+                ">key | note | what | >measured g | >curve g | reason",
+                [
+                    (str(o.key), balance.frame.at[o.key, "note"], o.what, f"{o.value:.1f}",
+                     f"{o.curve:.1f}", o.reason)
+                    for o in balance.outliers
+                ],
+            )  # fmt: skip
+        show(
+            "list of work",
+            ">key | note | part | work",
+            [(str(r.key), r.note, r.part, r.work) for r in work.itertuples()],
+        )
+    if out is not None and out.suffix.lower() == ".json":
+        say_written(balance.keyboard.write(out, force=force))
+    elif out is not None and out.suffix.lower() == ".csv":
+        save_text(out, key_table(balance).to_csv(float_format="%.4g"), force=force)
+    else:
+        save_text(out, lambda: html_page(balance, work), force=force)
+    save_figure(image, lambda: draw(balance), force=force)
+
+
+@declare("action", command)
+def action(
+    file: Path = argument(),
+    key: int = argument(count(1, 108)),
+    base: str = option(
+        "Action whose lengths and felts are used.",
+        default="grand_action",
+        metavar="ACTION",
+        complete=actions,
+    ),
+    key_ratio: float | None = RATIO,
+    whippen: float | None = WHIPPEN,
+    out: Path | None = option("Mechanism file to be written.", FileName(".toml")),
+    force: bool = FORCE,
+) -> None:
+    """Set up the action of the key KEY of FILE, for touch and strokes.
+
+    Strike weight, strike weight ratio, balance as played and friction are those of the key.
+    Lengths, felts and screws are those of a packaged action, which is regulated again.
+    """
+    from feltmb.keyboard import action_of_key
+
+    check_targets(out, force=force)
+    balance = _analyzed(file, key_ratio, whippen)
+    with working("measuring") as progress:
+        made = action_of_key(balance, key, base, progress=progress)
+    show(
+        f"action of key {key}, {balance.frame.at[key, 'note']}",
+        "| >keyboard | >action",
+        [(name, f"{v:.2f}", f"{made.reached[name]:.2f}") for name, v in made.wanted.items()],
+        "; ".join(("weights in g", *made.notes)),
+    )
+    save_text(out, made.to_toml, force=force)
+
+
+# --- ground truth for sensors --------------------------------------------------------------------
+
+ACTION = argument(complete=actions, default="grand_action")
+SENSOR = option(
+    "Packaged sensor or TOML file.",
+    default="reflective",
+    metavar="FILE",
+    complete=packaged("sensors"),
+)
+SEED = option("Seed of the random numbers.", count(0), 0)
+CURVE = option(
+    "Points of the velocity curve, SPEED=VELOCITY, such as 0.3m/s=1,7m/s=127; default: 52 + 25 "
+    "log2(v), v in m/s.",
+    words="--curve",
+    metavar="SPEED=VELOCITY",
+)
+
+
+def _curve(points: tuple[str, ...]) -> VelocityCurve:
+    from feltmb.keyboard import VelocityCurve
+    from unmodeled.cli.options import pairs, parse_option
+
+    if not points:
+        return VelocityCurve()
+    found = sorted(
+        (parse_option("--curve", speed, "m/s"), parse_option("--curve", velocity, "1"))
+        for speed, velocity in pairs("--curve", points, "SPEED=VELOCITY").items()
+    )
+    return VelocityCurve([v for v, _ in found], [n for _, n in found])
+
+
+@declare("sensor", command)
+def sensor(
+    action: str = ACTION,
+    name: str = option(
+        "Packaged sensor or TOML file.",
+        default="reflective",
+        words="--sensor",
+        metavar="FILE",
+        complete=packaged("sensors"),
+    ),
+    stroke: str | None = option(
+        "Packaged stroke, TOML or CSV file; default: a press to --speed.", metavar="FILE"
+    ),
+    speed: float = option(
+        "Speed of the pressing finger at the key bottom [m/s].", positive("m/s"), 0.3
+    ),
+    seed: int = SEED,
+    points: tuple[str, ...] = CURVE,
+    image: Path | None = picture("Draw the samples with the strikes, and the curve."),
+    out: Path | None = option("Write the samples (CSV).", FileName(".csv"), metavar="FILE"),
+    force: bool = FORCE,
+) -> None:
+    """What a sensor at hammer, key or both reads in a stroke of ACTION, and the true strikes."""
+    from feltmb.keyboard import load_sensor, sensed
+    from feltmb.keyboard.gestures import Press, gesture
+    from feltmb.mechanism import load_action
+    from feltmb.run.stroke import load_stroke
+
+    check_targets(out, pictures=(image,), force=force)
+    described, curve = load_sensor(name), _curve(points)
+    played = gesture([Press(speed, 2.0)], "press") if stroke is None else load_stroke(stroke)
+    setup, record = sensed(load_action(action), played, described, seed=seed)
+    for note in described.notes:
+        complain(f"note: {note}")
+    show(
+        f"strikes, {setup.action}, {described.name}: {len(record.samples)} samples",
+        ">time ms | >speed at the string m/s | >MIDI velocity",
+        [(f"{1e3 * t:.2f}", f"{v:.3f}", str(curve.velocity(v))) for t, v in record.truth],
+    )
+    save_text(out, lambda: record.samples.to_csv(float_format="%.7g"), force=force)
+    save_figure(image, lambda: record.plot(setup), force=force)
+
+
+@declare("strokes", command)
+def strokes(
+    action: str = ACTION,
+    sensor: str = SENSOR,
+    records: int = option("Number of records.", count(1, 1_000_000), 1000, words="--count"),
+    seed: int = SEED,
+    jobs: int | None = option("Threads; default: one a core.", count()),
+    points: tuple[str, ...] = CURVE,
+    out: Path = option(
+        "Parquet file to be written.", FileName(".parquet"), metavar="FILE", required=True
+    ),
+    force: bool = FORCE,
+) -> None:
+    """Write labelled records: random strokes of ACTION, what the sensor reads, and the truth.
+
+    The strokes are struck, pressed, staccato, repeated and repeated from half returns, from ppp to
+    fff. The same seed makes the same records.
+    """
+    from feltmb.keyboard import labelled_strokes, write_set
+
+    check_targets(out, force=force)
+    curve = _curve(points)
+    with working("simulating"):
+        setup, made = labelled_strokes(action, sensor, records, seed=seed, jobs=jobs)
+        write_set(out, setup, made, curve=curve, force=force)
+    for note in setup.sensor.notes:
+        complain(f"note: {note}")
+    say_written(out)
+
+
+@declare("score", command)
+def score_of(
+    algorithm: str = argument(),
+    given: Path | None = option(
+        "Labelled records of feltmb keyboard strokes; default: simulate --count of them.",
+        words="--set",
+        metavar="FILE",
+    ),
+    action: str = option("Action that is played.", default="grand_action", complete=actions),
+    sensor: str = SENSOR,
+    records: int = option("Number of records.", count(1, 1_000_000), 1000, words="--count"),
+    seed: int = SEED,
+    image: Path | None = picture("Draw the errors of speed and time over the speed."),
+    out: Path | None = option("Write all strikes (CSV).", FileName(".csv"), metavar="FILE"),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Compare the strikes that ALGORITHM finds with the true ones, by level from ppp to fff.
+
+    ALGORITHM is largest_derivative, model_based, a Python function (FILE.py:FUNCTION) of the
+    samples and the setup, or a program that is called with a CSV file of samples and a JSON file of
+    the setup and prints CSV with the columns time,speed.
+    """
+    from feltmb.keyboard import labelled_strokes, load_algorithm, read_set, score
+
+    check_targets(out, pictures=(image,), force=force)
+    name, function = load_algorithm(algorithm)
+    with working("simulating"):
+        if given is None:
+            setup, made = labelled_strokes(action, sensor, records, seed=seed)
+        else:
+            setup, made = read_set(given)
+        result = score(function, made, setup, name=name)
+    for note in (*setup.sensor.notes, *result.failures[:3]):
+        complain(f"note: {note}")
+    if len(result.failures) > 3:
+        complain(
+            f"note: the algorithm failed in {len(result.failures)} of {result.records} records"
+        )
+    if as_json:
+        rows = result.table.astype(object).where(result.table.notna(), None)
+        print_json({"levels": rows.to_dict("index"), "failures": list(result.failures)})
+    else:
+        show(
+            f"{name}: {setup.sensor.name} in {setup.action}, {result.records} records",
+            "level | >strikes | >missed | >false | >speed rms % | >mean % | >least % | >most % | "
+            ">time rms ms",
+            [
+                (level, *(str(int(v)) for v in row[:3]), *(f"{v:.1f}" for v in row[3:7]),
+                 f"{row[7]:.2f}")
+                for level, row in zip(result.table.index, result.table.to_numpy(), strict=True)
+            ],
+            "errors of the strikes that were found; strikes below 0.2 m/s do not count",
+        )  # fmt: skip
+    save_text(out, lambda: result.strikes.to_csv(index=False, float_format="%.6g"), force=force)
+    save_figure(image, result.plot, force=force)
+
+
+@declare("play", command)
+def play_file(
+    file: Path = argument(),
+    action: str = ACTION,
+    points: tuple[str, ...] = CURVE,
+    out: Path | None = option("MIDI file of what was struck.", FileName(".mid", ".midi")),
+    force: bool = FORCE,
+) -> None:
+    """Play the MIDI file FILE on ACTION, and tell what the hammer struck.
+
+    The speed of the finger for a velocity is found by inversion of simulated strokes. All notes are
+    played on this one action.
+    """
+    from feltmb.keyboard import play, read_midi, write_midi
+    from feltmb.keyboard.midi import MidiNote
+    from feltmb.mechanism import load_action
+
+    check_targets(out, force=force)
+    notes, curve = read_midi(file), _curve(points)
+    with working("playing"):
+        played = play(load_action(action), notes, curve)
+    struck = [p for p in played if p.velocity]
+    off = [abs(p.velocity - p.note.velocity) for p in struck]
+    late = [1e3 * abs(p.time - p.note.start) for p in struck]
+    show(
+        f"{file.name} on {action}",
+        "| >",
+        [
+            ("notes", str(len(notes))),
+            ("without a strike", str(len(notes) - len(struck))),
+            ("with further strikes", str(sum(p.bounces > 0 for p in played))),
+            ("largest error of the velocity", str(max(off, default=0))),
+            ("largest error of the time", f"{max(late, default=0.0):.1f} ms"),
+        ],
+    )
+    if out is not None:
+        again = [
+            MidiNote(p.note.number, p.time, max(p.note.end, p.time + 0.005), p.velocity)
+            for p in struck
+        ]
+        say_written(write_midi(out, again, force=force))

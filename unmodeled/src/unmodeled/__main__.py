@@ -1,0 +1,5 @@
+"""``python -m unmodeled``: the command line."""
+
+from unmodeled.cli import main
+
+main()

@@ -1,0 +1,267 @@
+"""Tables of other programs: Parquet and Feather by pandas, MCAP by its own library."""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from unmodeled.data.records import Array
+from unmodeled.data.series import MOST_NUMBERS, Columns, limit_text
+from unmodeled.data.tables import read_number
+from unmodeled.errors import DataError
+from unmodeled.files import LARGEST_TABLE, is_file, plain_text, read_input, read_json
+from unmodeled.units import split_column
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["add_block", "columns_of_frame", "needs", "read_frame", "read_messages"]
+
+#: Columns of LeRobot that only count, beside the number of the episode.
+_COUNTERS = ("frame_index", "index", "task_index")
+#: Largest number of columns of one array.
+MOST_COLUMNS = 256
+
+
+def needs(path: Path, package: str, extra: str) -> DataError:
+    """The error of a file for which a package is missing."""
+    return DataError(
+        f"{path}: to read {path.suffix}, the package {package} is needed: pip install {package} "
+        f"(extra {extra!r} of unmodeled)"
+    )
+
+
+def add_block(
+    columns: Columns, name: str, values: Array, features: Mapping[str, list[str]] | None = None
+) -> bool:
+    """Add the columns of an array, (n, k), as ``name.0``, or with given names; False: too many."""
+    width = values.shape[1]
+    if not 1 <= width <= MOST_COLUMNS:
+        return False
+    parts = (features or {}).get(name)
+    parts = parts if parts and len(parts) == width else [str(j) for j in range(width)]
+    for part, column in zip(parts, values.T, strict=True):
+        columns.values[f"{name}.{part}"] = np.array(column, dtype=np.float64)
+    return True
+
+
+# ---------------------------------------------------------------- Parquet and Feather
+
+
+def read_frame(path: Path) -> Columns:
+    """Columns of a Parquet or Feather file; a column of lists of one length becomes several.
+
+    The names of their parts are those of ``meta/info.json`` of a LeRobot data set.
+    """
+    import pandas as pd
+
+    read = pd.read_feather if path.suffix.lower() == ".feather" else pd.read_parquet
+    data = io.BytesIO(read_input(path, most=LARGEST_TABLE))
+    try:
+        frame = read(data)
+    except ImportError:
+        raise needs(path, "pyarrow", "parquet") from None
+    except Exception as error:  # pandas documents no set of exceptions for damaged files
+        raise DataError(f"{path}: cannot be read as {path.suffix[1:]}: {error}") from None
+    if frame.size > MOST_NUMBERS:
+        raise DataError(f"{path}: {frame.size} numbers; {limit_text()}")
+    try:
+        return columns_of_frame(frame, features=_features(path))
+    except DataError as error:
+        raise DataError(f"{path}: {error}") from None
+
+
+def columns_of_frame(
+    frame: pd.DataFrame, time: str = "", features: Mapping[str, list[str]] | None = None
+) -> Columns:
+    """Columns of numbers with the units of their headings; an index of times is the clock.
+
+    Dates become seconds from the first. A column of lists of one length becomes several columns,
+    with the names of ``features``.
+    """
+    columns = Columns()
+    parts = [(str(c), frame.iloc[:, j]) for j, c in enumerate(frame.columns)]
+    index, headings = frame.index, [heading for heading, _ in parts]
+    if index.nlevels == 1 and (index.name is not None or index.dtype.kind in "mMf"):
+        clock = str(index.name or time or "time")
+        parts[:0] = [] if clock in headings else [(clock, index.to_series())]
+    counted = _COUNTERS if "episode_index" in frame else ()
+    seen: dict[str, str] = {}
+    for heading, series in parts:
+        name, unit = split_column(plain_text(heading))
+        if name in seen:
+            raise DataError(
+                f"column {name} is there twice ({seen[name]!r} and {heading!r}): rename one"
+            )
+        seen[name] = heading
+        kind = series.dtype.kind
+        if name in counted:
+            columns.left_out[name] = "a counter"
+        elif kind in "mM":
+            since = series - series.iloc[0] if kind == "M" and series.size else series
+            columns.values[name], columns.units[name] = since.dt.total_seconds().to_numpy(), "s"
+        elif kind in "iufb":
+            columns.values[name] = series.to_numpy(dtype=np.float64, na_value=np.nan)
+        elif not _add_block(columns, name, series, features):
+            columns.add_cells(name, *_cells_of(series), unit)
+        if name in columns.values and unit:
+            columns.units.setdefault(name, unit)
+            columns.headings[name] = heading
+    return columns
+
+
+def _add_block(
+    columns: Columns, name: str, series: pd.Series[Any], features: Mapping[str, list[str]] | None
+) -> bool:
+    """Add the parts of a column of lists of one length."""
+    if not all(isinstance(v, list | tuple | np.ndarray) for v in series):
+        return False
+    try:
+        block = np.array([np.ravel(v) for v in series], dtype=np.float64)
+    except (TypeError, ValueError):
+        return False
+    return block.ndim == 2 and add_block(columns, name, block, features)
+
+
+def _cells_of(series: pd.Series[Any]) -> tuple[Array, dict[int, str]]:
+    """Numbers of a column of any objects, and the cells that are no numbers by row."""
+    values, words = np.full(series.size, np.nan), {}
+    for i, cell in enumerate(series):
+        text = str(cell)
+        real = cell.real if isinstance(cell, complex) and cell.imag == 0.0 else cell
+        try:
+            number = read_number(text) if isinstance(cell, str) else float(real)
+        except (TypeError, ValueError):
+            number = float("nan") if text in ("None", "NaT", "<NA>") else None
+        if number is None:
+            words[i] = text
+        else:
+            values[i] = number
+    return values, words
+
+
+def _features(path: Path) -> dict[str, list[str]]:
+    """Names of the parts of the columns of a LeRobot data set."""
+    for folder in list(path.absolute().parents)[:4]:
+        listed = folder / "meta" / "info.json"
+        if is_file(listed):
+            found = read_json(listed)
+            features = found.get("features") if isinstance(found, dict) else None
+            if not isinstance(features, dict):
+                return {}
+            named = {k: v.get("names") for k, v in features.items()}
+            flat = {k: next(iter(v.values())) if isinstance(v, dict) else v
+                    for k, v in named.items() if v}  # fmt: skip
+            return {k: list(map(str, v)) for k, v in flat.items() if isinstance(v, list)}
+    return {}
+
+
+# ---------------------------------------------------------------- MCAP
+
+
+def read_messages(path: Path) -> Columns:
+    """Numbers of all messages of an MCAP file with JSON or ROS 2 messages, as ``topic.field``.
+
+    The clock is the log time from the first message. Topics are interpolated to the times of the
+    topic with the most messages.
+    """
+    try:
+        from mcap.exceptions import McapError
+        from mcap.reader import make_reader
+    except ImportError:
+        raise needs(path, "mcap", "mcap") from None
+
+    columns = Columns()
+    seen: dict[str, tuple[list[int], list[dict[str, float]]]] = {}
+    count = 0
+    try:
+        reader = make_reader(io.BytesIO(read_input(path, most=LARGEST_TABLE)))
+        for schema, channel, message in reader.iter_messages():
+            topic = plain_text(channel.topic.strip("/"))
+            decode = _decoder(path, channel.message_encoding, schema)
+            if decode is None:
+                columns.left_out[topic] = f"messages in {channel.message_encoding}"
+                continue
+            values = dict(_numbers(decode(message.data), topic))
+            count += len(values) + 1
+            if count > MOST_NUMBERS:
+                raise DataError(f"{path}: more than {MOST_NUMBERS} numbers; {limit_text()}")
+            times, rows = seen.setdefault(topic, ([], []))
+            times.append(message.log_time)
+            rows.append(values)
+    except DataError:
+        raise
+    except (McapError, ValueError, KeyError, EOFError, OverflowError) as error:
+        raise DataError(f"{path}: cannot be read as MCAP: {error}") from None
+    _merge(columns, seen)
+    return columns
+
+
+_decoders: dict[tuple[str, bytes], Any] = {}
+
+
+def _decoder(path: Path, encoding: str, schema: Any) -> Any:
+    """Function that decodes the messages of a schema; None: not known."""
+    if encoding == "json":
+        return json.loads
+    if encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
+        return None
+    try:
+        from mcap_ros2.decoder import DecoderFactory
+    except ImportError:
+        raise needs(path, "mcap-ros2-support", "mcap") from None
+    key = schema.name, schema.data
+    if key not in _decoders:
+        _decoders[key] = DecoderFactory().decoder_for(encoding, schema)
+    return _decoders[key]
+
+
+def _numbers(message: Any, name: str) -> Iterator[tuple[str, float]]:
+    """Numbers in a message, with their places; lists have the names of a list ``name`` beside."""
+    if isinstance(message, (bool, int, float)):
+        yield name, float(message)
+    elif isinstance(message, (str, bytes)) or message is None:
+        return
+    elif isinstance(message, Mapping) or hasattr(message, "__slots__"):
+        if not isinstance(message, Mapping):
+            message = {key: getattr(message, key) for key in message.__slots__}
+        if message.keys() in ({"sec", "nanosec"}, {"sec", "nsec"}):
+            seconds, rest = message.values()
+            yield name, float(seconds) + 1e-9 * float(rest)
+            return
+        labels = message.get("name")
+        for key, value in message.items():
+            place = name if len(message) == 1 and key == "data" else f"{name}.{key}"
+            if isinstance(value, (list, tuple, np.ndarray)):
+                named = isinstance(labels, (list, tuple)) and len(labels) == len(value)
+                parts: Any = labels if named else range(len(value))
+                for part, item in zip(parts, value[:MOST_COLUMNS], strict=False):
+                    yield from _numbers(item, f"{place}.{part}")
+            else:
+                yield from _numbers(value, place)
+
+
+def _merge(columns: Columns, seen: Mapping[str, tuple[list[int], list[dict[str, float]]]]) -> None:
+    """Join the topics on the times of the one with the most messages, where all of them are."""
+    used = {topic: found for topic, found in seen.items() if len(found[0]) > 1}
+    columns.left_out |= {topic: "one message" for topic in seen.keys() - used.keys()}
+    if not used:
+        return
+    origin = min(times[0] for times, _ in used.values())
+    clocks = {t: np.array([1e-9 * (at - origin) for at in found[0]]) for t, found in used.items()}
+    main = max(clocks, key=lambda t: clocks[t].size)
+    begin, end = max(c[0] for c in clocks.values()), min(c[-1] for c in clocks.values())
+    clock = clocks[main][(clocks[main] >= begin) & (clocks[main] <= end)]
+    columns.values["time"], columns.units["time"] = clock, "s"
+    for topic, (_, rows) in used.items():
+        for name in dict.fromkeys(n for row in rows for n in row):
+            series = np.array([row.get(name, np.nan) for row in rows])
+            columns.values[name] = np.interp(clock, clocks[topic], series)
+    others = [t for t in used if t != main]
+    if others:
+        columns.notes.append(f"{', '.join(others)}: interpolated to the times of {main}")

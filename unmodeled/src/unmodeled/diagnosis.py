@@ -1,0 +1,182 @@
+"""The diagnosis, step by step: compare, prepare, fit, search, predict held-out records, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+
+from unmodeled.arguments import checked
+from unmodeled.blas import one_thread
+from unmodeled.data import Record
+from unmodeled.fit.measured import untested
+from unmodeled.fit.model import Effect, Model
+from unmodeled.library.defaults import chosen_effects
+from unmodeled.report import Report, explained_model
+from unmodeled.search.compare import compared, refuse
+from unmodeled.search.options import Options
+from unmodeled.search.problem import Problem
+from unmodeled.search.progress import Meter, Progress, Stop
+from unmodeled.search.records import prepare, ready_records
+from unmodeled.search.search import search
+from unmodeled.search.variation import varies, with_variation
+from unmodeled.search.verdict import judge
+
+__all__ = ["diagnose", "fit_model"]
+
+#: Share of the limit of time after which no fit goes on; the rest is for the verdict.
+FITS = 0.85
+
+
+@checked
+def diagnose(
+    model: Model,
+    effects: Sequence[Effect | str] | None,
+    records: Sequence[Record] | Record,
+    *,
+    exclude: Sequence[str] | str = (),
+    hold_out: Sequence[str] | str | None = None,
+    options: Options | None = None,
+    tell: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Find the effects that a model lacks.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    effects
+        Effects that it may lack, or names and patterns of the default ones; None: all default
+        ones, see :func:`candidates`. Those of parts that were tested (:func:`with_measured`) are
+        omitted.
+    records
+        Measured runs; at least one.
+    exclude
+        Names, patterns, or components of effects that are not tested.
+    hold_out
+        Names of the records that are not fitted; default: those with the role "held_out", else
+        every third of three or more records, else every second block of each record. ``()``: no
+        record is held out.
+    options
+        Options; default: ``Options()``.
+    tell
+        Is called with the stage, the share of the work that is done, and the time that is left;
+        default: nothing is called. If it raises :class:`Stop`, the search ends as at its limit of
+        time.
+
+    Returns
+    -------
+    Report
+        Verdict with named causes or classes, magnitudes, and residuals.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Model, effects and records do not fit together.
+    Stop, KeyboardInterrupt
+        ``tell`` raised it, or Ctrl-C came, before there was a fit of the model.
+    """
+    options = options or Options()
+    began = time.monotonic()
+    end = began + FITS * options.seconds
+    meter = Meter(tell, FITS * options.seconds)
+
+    def check() -> None:
+        meter.step()
+        if time.monotonic() > end:
+            raise Stop
+
+    with one_thread(), _interrupted():
+        meter.stage("prepare")
+        ready = ready_records(model, records)
+        found, told = chosen_effects(ready.model, ready.records, effects, exclude)
+        tested = untested(found, ready.model)
+        before = compared(ready)
+        refuse(before)
+        problem = prepare(ready, tested, hold_out, options)
+        notes = (
+            *told,
+            *_split(problem, ready.records, hold_out),
+            *_clocks(problem),
+            *before.notes,
+            *(h.text for h in before.hints),
+        )
+        problem = replace(problem, notes=notes)
+        if varies(problem):
+            problem = with_variation(problem)
+        meter.stage("fit")
+        searched = search(problem, options, meter.stage, meter.step)
+        needed = meter.needed
+        result = judge(searched, options, time.monotonic() - began, meter.stage, check)
+        if not result.complete:
+            result = replace(result, needed=max(needed, time.monotonic() - began))
+        meter.stage("done")
+    report = Report.of(result)
+    report.model = explained_model(ready.model, tested, result)
+    return report
+
+
+@contextmanager
+def _interrupted() -> Iterator[None]:
+    """A block whose Ctrl-C is told in one sentence: the search answers it if it has a fit."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("before there was an answer") from None
+
+
+def _split(
+    problem: Problem, records: Sequence[Record], hold_out: Sequence[str] | str | None
+) -> tuple[str, ...]:
+    """A note about records that are held out because nobody stated which."""
+    if hold_out is not None or any(r.role == "held_out" for r in records):
+        return ()
+    return (f"held out: {', '.join(o.record.name for o in problem.held_out)} (hold_out=)",)
+
+
+def _clocks(problem: Problem) -> Iterator[str]:
+    """Notes about sensors that are late together."""
+    found = {
+        (q.channels, q.scale)
+        for o in (*problem.fit, *problem.held_out)
+        for q in o.local
+        if len(q.channels) > 1
+    }
+    for channels, sd in sorted(found):
+        names = ", ".join(problem.names[c] for c in channels)
+        yield (
+            f"{names}: one clock, which is late by one time in each record, because they have the "
+            f"same delay_sd ({sd:g} s); different values make them independent"
+        )
+
+
+@checked
+def fit_model(
+    model: Model,
+    records: Sequence[Record] | Record,
+    *,
+    options: Options | None = None,
+    tell: Callable[[Progress], None] | None = None,
+) -> Report:
+    """Fit the parameters of a model to all records: a diagnosis without effects.
+
+    Errors of the records (:mod:`unmodeled.search.records`) and parameters outside their tolerances
+    are considered as in a diagnosis. ``report.parameters`` has the values and their intervals,
+    which allow for what the model does not explain.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    records
+        Measured runs; at least one.
+    options, tell
+        As for :func:`diagnose`.
+
+    Raises
+    ------
+    InvalidParameter, DataError
+        Model and records do not fit together.
+    """
+    return diagnose(model, (), records, hold_out=(), options=options, tell=tell)

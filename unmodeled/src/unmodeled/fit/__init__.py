@@ -1,0 +1,38 @@
+"""Models of simulations that can be fitted: parameters with priors, effects, and derivatives."""
+
+from unmodeled.fit.coordinates import Coordinate, Coupling, Rate
+from unmodeled.fit.coordinates import Named as Named
+from unmodeled.fit.equations import Equations
+from unmodeled.fit.fmi import fmu
+from unmodeled.fit.inclusion import Including as Including
+from unmodeled.fit.inclusion import including
+from unmodeled.fit.mjcf import mujoco
+from unmodeled.fit.model import Candidate as Candidate
+from unmodeled.fit.model import Effect, Model, Parameter, State
+from unmodeled.fit.model import EffectKind as EffectKind
+from unmodeled.fit.model import Jobs as Jobs
+from unmodeled.fit.model import Port as Port
+from unmodeled.fit.model import Ready as Ready
+from unmodeled.fit.model import Sensitivity as Sensitivity
+from unmodeled.fit.model import SensitivityRequest as SensitivityRequest
+from unmodeled.fit.priors import Exposed
+from unmodeled.fit.simulator import FunctionModel, LinearModel, Simulator
+
+# The other names are for authors of models: unmodeled.fit.authoring.
+__all__ = [
+    "Coordinate",
+    "Coupling",
+    "Effect",
+    "Equations",
+    "Exposed",
+    "FunctionModel",
+    "LinearModel",
+    "Model",
+    "Parameter",
+    "Rate",
+    "Simulator",
+    "State",
+    "fmu",
+    "including",
+    "mujoco",
+]

@@ -1,0 +1,424 @@
+"""Calls of user functions; an exception in them is reported with its place in the user's code."""
+
+from __future__ import annotations
+
+import hashlib
+import multiprocessing
+import os
+import pickle
+import signal
+import sys
+import sysconfig
+import threading
+import time as clock
+import traceback
+import warnings
+import weakref
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+
+from unmodeled.data import Array, Record
+from unmodeled.errors import Error, InvalidParameter
+
+__all__ = [
+    "Latest",
+    "Run",
+    "Runner",
+    "calling",
+    "cores",
+    "explained",
+]
+
+
+class calling:
+    """Turn an exception in the block into one message: ``with calling("model arm: its rates"):``.
+
+    Raises
+    ------
+    InvalidParameter
+        For any exception except :class:`~unmodeled.errors.Error`, whose messages are already
+        complete.
+    """
+
+    __slots__ = ("_what",)
+
+    def __init__(self, what: str):
+        self._what = what
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if isinstance(error, Exception) and not isinstance(error, Error):
+            raise InvalidParameter(f"{self._what} raises {explained(error)}") from error
+
+
+def explained(error: Exception) -> str:
+    """Text of an exception, with its line in the user's code and its most likely cause."""
+    text = f"{type(error).__name__}: {error}{_line_of(error)}"
+    if "truth value of an array" in text or "only length-1 arrays" in text:
+        return text + " (it is called with whole arrays: use np.where, np.maximum, np.sin)"
+    undefined = isinstance(error, ArithmeticError) or "domain" in text or "nonnegative" in text
+    if undefined:
+        return text + (
+            " (return NaN for undefined values: such a trial counts as failed; fits evaluate "
+            "extreme parameters)"
+        )
+    return text
+
+
+def _line_of(error: Exception) -> str:
+    """Line and file of the innermost call in code that is not installed; empty: there is none."""
+    installed = {Path(__file__).parents[1], Path(sysconfig.get_paths()["stdlib"])}
+    for frame in reversed(traceback.extract_tb(error.__traceback__)):
+        path = Path(frame.filename)
+        inside = installed & {*path.parents} or {*path.parts} & {"site-packages", "dist-packages"}
+        if path.suffix == ".py" and not inside:
+            return f" (line {frame.lineno} of {path.name})"
+    return ""
+
+
+# --------------------------------------------------------------------------------- the last values
+
+
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+
+
+class Latest(Generic[K, V]):
+    """A cache of recently used values that several threads may use.
+
+    Unlike ``functools.lru_cache``, it can limit the sum of the sizes of the values, and a value
+    need not be computed from its key alone.
+
+    Parameters
+    ----------
+    most
+        Largest sum of the sizes of all values; the last value is kept in any case.
+    size
+        Function that gives the size of a value; default: 1.
+    """
+
+    def __init__(self, most: int, size: Callable[[V], int] = lambda _: 1):
+        self._most = most
+        self._size = size
+        self._total = 0
+        self._made: OrderedDict[K, V] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def __len__(self) -> int:
+        """Number of stored values."""
+        return len(self._made)
+
+    def find(self, key: K) -> V | None:
+        """Value of a key; None if it is not stored."""
+        with self._lock:
+            if key not in self._made:
+                return None
+            self._made.move_to_end(key)
+            return self._made[key]
+
+    def keep(self, key: K, value: V) -> None:
+        """Store a value, replacing an older value of the key; remove the oldest values."""
+        with self._lock:
+            if key in self._made:
+                self._total -= self._size(self._made.pop(key))
+            self._made[key] = value
+            self._total += self._size(value)
+            while self._total > self._most and len(self._made) > 1:
+                self._total -= self._size(self._made.popitem(last=False)[1])
+
+    def get(self, key: K, make: Callable[[], V]) -> V:
+        """Value of a key; it is computed if it is not stored.
+
+        Two threads that request the same value at the same time may both compute it.
+        """
+        with self._lock:
+            if key in self._made:
+                self._made.move_to_end(key)
+                return self._made[key]
+        made = make()
+        self.keep(key, made)
+        return made
+
+
+# -------------------------------------------------------------------------------------------- runs
+
+
+#: Largest number of cached values (two hundred megabytes).
+KEPT = 25_000_000
+
+Function = Callable[..., Mapping[str, Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A requested run."""
+
+    record: str
+    time: Array
+    inputs: dict[str, Array]
+    parameters: dict[str, float]
+
+    @classmethod
+    def of(cls, record: Record, inputs: Sequence[str], parameters: dict[str, float]) -> Run:
+        """Run of a whole record with given parameters."""
+        return cls(record.name, record.time, {n: record.inputs[n] for n in inputs}, parameters)
+
+    @property
+    def key(self) -> bytes:
+        """Hash of all arguments of the function."""
+        digest = hashlib.blake2b(digest_size=16)
+        for array in (self.time, *self.inputs.values()):
+            digest.update(np.ascontiguousarray(array).tobytes())
+        digest.update(np.array(list(self.parameters.values())).tobytes())
+        return digest.digest()
+
+    def __str__(self) -> str:
+        values = ", ".join(f"{k} = {v:.6g}" for k, v in self.parameters.items())
+        return (
+            f"record {self.record}, {len(self.time)} samples from {self.time[0]:g} to "
+            f"{self.time[-1]:g} s; parameters {values or 'none'}"
+        )
+
+
+#: The function, in a worker process.
+_function: Function | None = None
+
+
+def _begin(function: Function | bytes) -> None:
+    """Start of a process: the function is inherited or unpickled; the parent handles Ctrl-C."""
+    global _function
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _function = pickle.loads(function) if isinstance(function, bytes) else function
+
+
+def _work(run: Run, outputs: tuple[str, ...]) -> Array | str:
+    assert _function is not None
+    return call(_function, run, outputs)
+
+
+class Unusable(InvalidParameter):
+    """The function returned a value of the wrong form."""
+
+
+def call(function: Function, run: Run, outputs: tuple[str, ...]) -> Array | str:
+    """Outputs of one run, (n, ny), or the exception of the function.
+
+    Raises
+    ------
+    Unusable
+        An output is missing or has another length.
+    """
+    inputs = {k: v.copy() for k, v in run.inputs.items()}  # the function may modify them
+    try:
+        with np.errstate(all="ignore"):
+            given = function(run.time.copy(), inputs, dict(run.parameters))
+    except Error as error:
+        return str(error)
+    except Exception as error:
+        return explained(error)
+    if not isinstance(given, Mapping):
+        raise Unusable(
+            f"returned {type(given).__name__}, expected a dictionary of arrays by output: "
+            f"{', '.join(outputs)}"
+        )
+    missing = [n for n in outputs if n not in given]
+    if missing:
+        there = ", ".join(map(str, given)) or "none"
+        raise Unusable(f"returned no output {', '.join(missing)}; there is {there}")
+    found = np.empty((len(run.time), len(outputs)))
+    for i, name in enumerate(outputs):
+        try:
+            values = np.asarray(given[name], dtype=np.float64)
+        except (TypeError, ValueError):
+            raise Unusable(f"output {name} holds no numbers: {given[name]!r:.80}") from None
+        if values.shape != run.time.shape:
+            raise Unusable(
+                f"output {name} has shape {values.shape}, expected one value for each time, "
+                f"{run.time.shape}"
+            )
+        found[:, i] = values
+    return found
+
+
+def cores() -> int:
+    """Number of cores that this process may use."""
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return there or 1
+
+
+class Runner:
+    """Computes runs and caches the results.
+
+    A function with a method ``run_all(runs)`` computes several runs at once.
+    """
+
+    def __init__(self, function: Function, outputs: tuple[str, ...], name: str):
+        self._function = function
+        self._outputs = outputs
+        self._name = name
+        self._kept: Latest[bytes, Array] = Latest(KEPT, lambda values: values.size)
+        self._pool: ProcessPoolExecutor | None = None
+        self._failed = False
+        self.processes = 1
+        self.made = 0
+        """Number of runs so far."""
+        self.notices: list[str] = list(getattr(function, "notices", ()))
+        """Notes for the user about processes, and those of the function."""
+
+    def start(self, workers: int | None) -> None:
+        """Start processes, before there are threads."""
+        if self._pool is not None or hasattr(self._function, "run_all"):
+            return
+        count = workers or cores()
+        if count == 1:
+            return
+        given: Function | bytes = self._function
+        if sys.platform == "linux":
+            # With fork, closures, notebooks and scripts without a guard of __main__ work as well.
+            # The processes only call the function, so that they do not wait for a lock of this
+            # process.
+            context = multiprocessing.get_context("fork")
+        else:
+            context = multiprocessing.get_context("spawn")
+            try:
+                given = pickle.dumps(self._function)
+            except Exception as error:
+                self.notices.append(
+                    f"its function cannot be pickled ({error}): runs are sequential. Define it "
+                    "at the top level of a module to use parallel processes"
+                )
+                return
+        pool = ProcessPoolExecutor(count, context, _begin, (given,))
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", DeprecationWarning)  # of a fork
+                pool.submit(os.getpid).result()
+        except (BrokenProcessPool, OSError) as error:
+            pool.shutdown(wait=False)
+            self.notices.append(f"no process could be started ({error}): runs are made in this one")
+            return
+        weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
+        self._pool, self.processes = pool, count
+
+    def first(self, run: Run) -> tuple[float, Array]:
+        """Duration of a second run [s], and its values, which should equal those of the first.
+
+        Raises
+        ------
+        InvalidParameter
+            The function fails.
+        """
+        self.checked([run])  # the first call includes imports and tables of the function
+        tick = clock.perf_counter()
+        again = self._one(run)
+        if isinstance(again, str):
+            raise InvalidParameter(f"model {self._name}: its function raises {again} ({run})")
+        return clock.perf_counter() - tick, again
+
+    def checked(self, runs: Sequence[Run]) -> None:
+        """Compute runs that must succeed.
+
+        Raises
+        ------
+        InvalidParameter
+            A run failed; the message names the first such run and its fault.
+        """
+        for run, found in zip(runs, self._make(runs), strict=True):
+            if isinstance(found, str):
+                raise InvalidParameter(f"model {self._name}: its function raises {found} ({run})")
+            if fault := self._undefined(run, found):
+                raise InvalidParameter(f"model {self._name}: its function {fault} ({run})")
+            self._kept.keep(run.key, found)
+
+    @contextmanager
+    def trying(self) -> Iterator[None]:
+        """A block in which a failed run is no news."""
+        before, self._failed = self._failed, True
+        try:
+            yield
+        finally:
+            self._failed = before
+
+    def values(self, runs: Sequence[Run]) -> list[Array]:
+        """Outputs of runs, (n, ny) each; NaN if the function fails."""
+        keys = [run.key for run in runs]
+        known = {k: self._kept.find(k) for k in keys}
+        found = {k: values for k, values in known.items() if values is not None}
+        new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
+        for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
+            fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
+            if fault and not self._failed:
+                self._failed = True
+                warnings.warn(
+                    f"model {self._name}: its function {fault} ({run}); this trial, and others "
+                    "like it, count as failed",
+                    RuntimeWarning,
+                    stacklevel=2,
+                )
+            if isinstance(got, str):
+                got = np.full((len(run.time), len(self._outputs)), np.nan)
+            found[key] = got
+            self._kept.keep(key, got)
+        return [found[k] for k in keys]
+
+    def _undefined(self, run: Run, found: Array) -> str:
+        """The first value that is not finite, as text; empty: all are."""
+        bad = np.argwhere(~np.isfinite(found))
+        if not bad.size:
+            return ""
+        j, i = bad[0]
+        return f"returns {found[j, i]} for {self._outputs[i]} at t = {run.time[j]:g} s, sample {j}"
+
+    def _one(self, run: Run, function: Function | None = None) -> Array | str:
+        self.made += 1
+        try:
+            return call(function or self._function, run, self._outputs)
+        except Unusable as error:
+            raise self._invalid(run, error) from None
+
+    def _invalid(self, run: Run, error: Unusable) -> InvalidParameter:
+        return InvalidParameter(f"model {self._name}: its function {error} ({run})")
+
+    def _make(self, runs: Sequence[Run]) -> list[Array | str]:
+        if hasattr(self._function, "run_all"):  # it has threads of its own
+            return [
+                self._one(run, lambda *_, y=y: y)
+                for run, y in zip(runs, self._function.run_all(runs), strict=True)
+            ]
+        if self._pool is None or len(runs) < 2:
+            return [self._one(run) for run in runs]
+        futures = [self._pool.submit(_work, run, self._outputs) for run in runs]
+        out: list[Array | str] = []
+        for run, future in zip(runs, futures, strict=True):
+            try:
+                out.append(future.result())
+                self.made += 1
+            except KeyboardInterrupt:
+                for waiting in futures:
+                    waiting.cancel()
+                raise
+            except Unusable as error:
+                raise self._invalid(run, error) from None
+            except BrokenProcessPool:
+                raise InvalidParameter(
+                    f"model {self._name}: a process of its function ended without an answer, as "
+                    f"after a fault of memory, with this or another run of the batch ({run}); "
+                    "workers=1 runs it in this process"
+                ) from None
+        return out

@@ -1,0 +1,214 @@
+"""Coordinates of a user's model, and couplings between them: the places where forces may act."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array
+from unmodeled.errors import InvalidParameter
+from unmodeled.units import same_unit, spelled_unit, to_si
+
+__all__ = ["Coordinate", "Coupling", "Named", "Rate"]
+
+
+def _turns(unit: str) -> bool:
+    """Whether a force in this unit is a torque or an angular acceleration."""
+    try:
+        si = to_si(spelled_unit(unit) or unit)[1]
+    except InvalidParameter:
+        return False
+    return si == "N m" or si.startswith("rad")
+
+
+@checked
+class Named:
+    """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry per job, (B,)."""
+
+    __slots__ = ("_values",)
+
+    def __init__(self, values: Mapping[str, Any]):
+        self._values = values
+
+    @classmethod
+    def _of(cls, values: Mapping[str, Any]) -> Named:
+        """The same as the constructor, without checks: for each step of an integration."""
+        out = cls.__new__(cls)
+        out._values = values
+        return out
+
+    def __getitem__(self, name: str) -> Any:
+        try:
+            return self._values[name]
+        except KeyError:
+            raise KeyError(self._unknown(name)) from None
+
+    def __getattr__(self, name: str) -> Any:
+        try:
+            return self._values[name]
+        except KeyError:
+            raise AttributeError(self._unknown(name)) from None
+
+    def _unknown(self, name: object) -> str:
+        return f"no {name!r}; known are {', '.join(self._values)}"
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._values
+
+
+@checked
+@dataclass(frozen=True)
+class Rate:
+    """An output that is the rate of a state, for example an acceleration: the rate of a speed.
+
+    It includes effects and unknown forces, unlike a function of the states.
+    """
+
+    state: str
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Coordinate:
+    """A coordinate of a second-order system, on which generic effects act.
+
+    A force F [unit] on it changes its acceleration by F / inertia.
+    """
+
+    name: str
+    position: str
+    """State that is the position."""
+    speed: str
+    """State that is the speed."""
+    inertia: str | float | Callable[[Any, Named, Named, Named], Array] | None = None
+    """Name of a parameter, a number, or a function (t, x, u, p) -> (B,). None: forces on it are
+    accelerations, which is told unless ``unit`` is one."""
+    unit: str = "N"
+    scale: float = 1.0
+    """Typical force on the coordinate [unit]."""
+    position_unit: str = ""
+    """Unit of the position; default: rad if the force is a torque or an angular acceleration, else
+    m."""
+
+    @property
+    def travel_unit(self) -> str:
+        """Unit of the position."""
+        return self.position_unit or ("rad" if _turns(self.unit) else "m")
+
+    @property
+    def parts(self) -> tuple[Coordinate, ...]:
+        """The coordinates that it consists of: only itself."""
+        return (self,)
+
+    def motion(self, x: Named) -> tuple[Any, Any]:
+        """Position and speed."""
+        return self._motion(x)
+
+    def _motion(self, x: Named) -> tuple[Any, Any]:  # without checks, for each step
+        return x[self.position], x[self.speed]
+
+    def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
+        """Rates of the states that a force causes, by name of the state.
+
+        Parameters
+        ----------
+        force
+            Force on the coordinate [N or N m].
+        t
+            Time [s].
+        x
+            States by name.
+        u
+            Inputs by name.
+        p
+            Parameters by name.
+        """
+        return self._push(force, t, x, u, p)
+
+    def _push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
+        return {self.speed: self._acceleration(force, t, x, u, p)}
+
+    def _acceleration(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> Any:
+        if isinstance(self.inertia, str):
+            return force / p[self.inertia]
+        if callable(self.inertia):
+            return force / self.inertia(t, x, u, p)
+        return force if self.inertia is None else force / self.inertia
+
+    @property
+    def without_inertia(self) -> str:
+        """Sentence about forces that are accelerations; "" if the inertia or ``unit`` is told."""
+        unit = f"{self.travel_unit}/s^2"
+        if self.inertia is not None or same_unit(self.unit, unit):
+            return ""
+        return (
+            f"coordinate {self.name} has no inertia: its forces in {self.unit} are accelerations "
+            f"in {unit}, forces divided by the inertia; give inertia=, or unit={unit!r}"
+        )
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Coupling:
+    """A spring, gear or joint between two coordinates, on which generic effects act.
+
+    Its position is that of the first coordinate minus ``ratio`` times that of the second; its speed
+    follows in the same way. A force F on the coupling acts as F on the first coordinate and as
+    -ratio F on the second.
+    """
+
+    name: str
+    first: Coordinate
+    second: Coordinate
+    ratio: float = 1.0
+    """Displacement of the first coordinate per displacement of the second."""
+    unit: str = "N"
+    scale: float = 1.0
+    """Typical force in the coupling [unit]."""
+    position: str = ""
+    """Empty: no state is its position or its speed."""
+    speed: str = ""
+
+    @property
+    def travel_unit(self) -> str:
+        """Unit of its position, equal to that of the first coordinate."""
+        return self.first.travel_unit
+
+    @property
+    def parts(self) -> tuple[Coordinate, ...]:
+        """The coordinates that it consists of."""
+        return self.first, self.second
+
+    def motion(self, x: Named) -> tuple[Any, Any]:
+        """Position and speed."""
+        return self._motion(x)
+
+    def _motion(self, x: Named) -> tuple[Any, Any]:  # without checks, for each step
+        (q, v), (r, w) = self.first._motion(x), self.second._motion(x)
+        return q - self.ratio * r, v - self.ratio * w
+
+    def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
+        """Rates of the states that a force causes, by name of the state.
+
+        Parameters
+        ----------
+        force
+            Force between the two coordinates [N or N m].
+        t
+            Time [s].
+        x
+            States by name.
+        u
+            Inputs by name.
+        p
+            Parameters by name.
+        """
+        return self._push(force, t, x, u, p)
+
+    def _push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
+        return {
+            **self.first._push(force, t, x, u, p),
+            **self.second._push(-self.ratio * force, t, x, u, p),
+        }

@@ -1,0 +1,704 @@
+"""A model from a right-hand side in Python, integrated for all jobs simultaneously."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record
+from unmodeled.data.smoothing import noise_of_record
+from unmodeled.errors import Error, InvalidParameter
+from unmodeled.fit.batch import System, Traces, sensitivities, simulated, untraced
+from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
+from unmodeled.fit.model import (
+    BETWEEN,
+    INTERPOLATION,
+    Batch,
+    Candidate,
+    Effect,
+    Jobs,
+    Model,
+    Parameter,
+    Port,
+    Ready,
+    Sensitivity,
+    SensitivityRequest,
+    State,
+    prior_jobs,
+    start_in,
+)
+from unmodeled.fit.noise import Noise
+from unmodeled.fit.priors import (
+    Bounds,
+    Priors,
+    Unknowns,
+    sized,
+    stated,
+)
+from unmodeled.units import same_unit, to_si
+
+__all__ = [
+    "Equations",
+    "Trial",
+    "by_rates",
+    "resolved",
+    "states_of",
+    "trial",
+    "with_unknown",
+]
+
+
+@checked
+class Equations(Model):
+    """States with rates dx/dt = f(t, x, u, p), as a function of arrays.
+
+    Parameters
+    ----------
+    rates
+        ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
+        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry per job.
+    states
+        Name -> unit, or ``(start, sd of the start, unit)``; with the unit alone, the start is
+        unknown. Or a list of :class:`State`.
+    parameters, unknown, bounds
+        As for :class:`Simulator`. The names of states, inputs and parameters must differ.
+    outputs
+        Name -> name of a state; or ``Rate("v")``, the rate of a state including effects; or a
+        function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects.
+        Default: every state by its name.
+    inputs
+        Names of the inputs that the rates use; a record must contain them. With their units, as
+        ``{"valve": "%"}``, files in other units are converted to these. Default: those that the
+        rates read in a trial.
+    coordinates
+        Coordinates of a second-order system, and couplings between them; each is also a port for
+        unknown forces. Default: every state whose rate is another state, with the parameter in kg
+        or kg m^2 that divides all forces as its inertia.
+    ports
+        Name -> state whose rate an unknown quantity may change, for systems of first order.
+        Default: every state that belongs to no coordinate, if the coordinates have their default.
+    method
+        ``"rk4"``: classical Runge-Kutta, ``substeps`` steps per sample. ``"rosenbrock"``: linearly
+        implicit of order 2 (L-stable), for stiff systems.
+    substeps
+        Steps per sample. None: a fit or a diagnosis uses as few as keep the error below the noise
+        of the sensors (1 to 16); otherwise one.
+    hold
+        Input between samples: ``"linear"``; ``"zero"`` (constant at the value of the last sample,
+        as for a digital-to-analog converter); ``"spline"`` (cubic, for a smooth signal that was
+        sampled sparsely: linear interpolation attenuates signals with less than ten samples per
+        period). ``"auto"``: linear; if a fit or a diagnosis could detect the difference to a
+        spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
+    """
+
+    cheap_derivatives = True
+
+    def __init__(
+        self,
+        rates: Callable[[Any, Named, Named, Named], Any],
+        *,
+        states: Sequence[State] | Mapping[str, Any],
+        parameters: Priors = (),
+        unknown: Unknowns = None,
+        inputs: Sequence[str] | Mapping[str, str] | None = None,
+        outputs: Mapping[str, str | Rate | Callable[[Any, Named, Named, Named], Any]] | None = None,
+        bounds: Bounds = None,
+        coordinates: Sequence[Coordinate | Coupling] | None = None,
+        ports: Mapping[str, str] | None = None,
+        method: Literal["rk4", "rosenbrock"] = "rk4",
+        substeps: int | None = None,
+        hold: Literal["auto", "linear", "zero", "spline"] = "auto",
+        name: str = "model",
+    ):
+        self.name = name
+        given = stated(rates, parameters, unknown, bounds, name)
+        self.parameters, neutral, self._unsized = given.parameters, given.neutral, given.unsized
+        self._converted = given.notes
+        self._rates = with_unknown(rates, neutral)
+        self.effects = tuple(by_rates(rates, e, neutral) for e in given.effects)
+        self._states = states_of(states)
+        self._unscaled = isinstance(states, Mapping)
+        found = trial(self._rates, self._states, self.parameters, inputs)
+        outputs = {s.name: s.name for s in self._states} if outputs is None else outputs
+        inputs = found.inputs if inputs is None else inputs
+        self.outputs = tuple(outputs)
+        self.inputs = tuple(inputs)
+        self._inferred = coordinates is None
+        if coordinates is None:
+            coordinates = found.coordinates
+            own = {n for c in coordinates for n in (c.position, c.speed)}
+            if ports is None and self._unscaled:
+                ports = {s.name: s.name for s in self._states if s.name not in own}
+        self.coordinates = tuple(coordinates)
+        self.substeps = substeps
+        self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
+        self.method = method
+        self._resolved = False
+        self._outputs = dict(outputs)
+        self._unknown = tuple(neutral)
+        self.units = _units_of(self._outputs, self._states)
+        self.units |= dict(inputs) if isinstance(inputs, Mapping) else {}
+        self._port_states = dict(ports or {})
+        self._make_ports()
+        self._check()
+        #: What is traced of the functions; copies with other values share it.
+        self._traces = Traces()
+
+    def _make_ports(self) -> None:
+        self.ports = tuple(
+            Port(
+                name=c.name,
+                component=c.name,
+                unit=c.unit,
+                scale=c.scale,
+                position=c.position,
+                speed=c.speed,
+            )
+            for c in self.coordinates
+        ) + tuple(
+            Port(name=n, component=n, unit=f"{s.unit}/s", scale=s.scale, position=state)
+            for n, state in self._port_states.items()
+            for s in self._states
+            if s.name == state
+        )
+
+    def _check(self) -> None:
+        faults = [*self._faults_of_names(), *self._faults_of_coordinates()]
+        if self.substeps is not None and not (
+            isinstance(self.substeps, int | np.integer) and self.substeps >= 1
+        ):
+            faults.append(f"substeps = {self.substeps!r}, expected a whole number >= 1, or None")
+        for what, given, known in (
+            ("method", self.method, ("rk4", "rosenbrock")),
+            ("hold", self.hold, ("auto", "linear", "zero", "spline")),
+        ):
+            if given not in known:
+                faults.append(f"{what} = {given!r}, expected one of {', '.join(known)}")
+        if faults:
+            raise InvalidParameter(f"model {self.name}: " + "; ".join(faults))
+
+    def _faults_of_names(self) -> Iterator[str]:
+        """Names that are used twice, or that are no states."""
+        names = [s.name for s in self._states]
+        everything = [*names, *(p.name for p in self.parameters), *self._unknown, *self.inputs]
+        for n in dict.fromkeys(everything):
+            if everything.count(n) > 1:
+                yield f"{n!r} is used twice"
+        ports = [p.name for p in self.ports]
+        for n in dict.fromkeys(ports):
+            if ports.count(n) > 1:
+                yield f"{n!r} names two coordinates or ports"
+        wanted = [
+            (f"output {n}", of.state if isinstance(of, Rate) else of)
+            for n, of in self._outputs.items()
+        ]
+        wanted += [
+            (f"coordinate {c.name}", n)
+            for c in self.coordinates
+            for part in c.parts
+            for n in (part.position, part.speed)
+        ]
+        wanted += [(f"port {port}", state) for port, state in self._port_states.items()]
+        for what, state in wanted:
+            if isinstance(state, str) and state not in names:
+                yield f"{what}: {state!r} is no state; known are {', '.join(names)}"
+
+    def _faults_of_coordinates(self) -> Iterator[str]:
+        """Inertias, units and ends of coordinates and couplings that do not fit the model."""
+        own = [p.name for p in self.parameters]
+        units = {s.name: s.unit for s in self._states}
+        for part in (part for c in self.coordinates for part in c.parts):
+            unit = units.get(part.position, "1")
+            if isinstance(part.inertia, str) and part.inertia not in own:
+                yield (
+                    f"coordinate {part.name}: inertia {part.inertia!r} is no parameter; known are "
+                    f"{', '.join(own) or 'none'}"
+                )
+            if unit != "1" and not _same_kind(unit, part.travel_unit):
+                yield (
+                    f"coordinate {part.name}: its position {part.position} has the unit {unit}, "
+                    f"but a force in {part.unit} moves it in {part.travel_unit}: expected the unit "
+                    f"of the force (unit='N m' for a torque), or position_unit={unit!r}"
+                )
+        for c in self.coordinates:
+            if isinstance(c, Coupling) and c.first.speed == c.second.speed:
+                yield f"coupling {c.name}: lies between {c.first.name} and itself"
+
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """States, followed by the hidden states of the included effects."""
+        return self._states + tuple(h for t in included for h in t.effect.hidden)
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """Choose the substeps and the interpolation of the inputs for the records."""
+        if self._resolved:
+            return Ready(self, tuple(records))
+        self._check_rates(records)
+        try:
+            self._check_inputs(records)
+            out, notes = resolved(self._scaled(records), records)
+            notes += untraced(out._system, out._traces)
+            out.effects, sizes = sized(out, out.effects, self._unsized, records)
+        except Error:  # the first simulation of the user reports it better
+            return Ready(self, tuple(records))
+        out._resolved = True
+        notes += [*self._converted, *sizes]
+        if self._inferred and self.coordinates:
+            listed = [
+                f"{c.name} (speed {c.speed}, inertia {c.inertia or 'none'})"
+                for c in self.coordinates
+                if isinstance(c, Coordinate)
+            ]
+            notes.append(f"coordinates, from the rates: {', '.join(listed)}")
+        parts = {part.name: part for c in self.coordinates for part in c.parts}
+        notes += [text for part in parts.values() if (text := part.without_inertia)]
+        return Ready(out, tuple(records), tuple(notes))
+
+    def _check_rates(self, records: Sequence[Record]) -> None:
+        """Refuse rates that are NaN where every record begins, with the tabulated parameters."""
+        fault = ""
+        for record in records:
+            x = {s.name: np.float64(start_in(s, record)[0]) for s in self._states}
+            p = {q.name: np.float64(q.value) for q in self.parameters}
+            try:
+                u = {n: np.float64(record.inputs[n][0]) for n in self.inputs}
+                with np.errstate(all="ignore"):
+                    rates = tuple(self._rates(record.time[0], Named(x), Named(u), Named(p)))
+                bad = [n for n, v in zip(x, rates, strict=True) if not np.isfinite(v)]
+            except Exception:  # a simulation reports it
+                return
+            if not bad:
+                return
+            at = ", ".join(f"{k} = {v:g}" for k, v in {**x, **u, **p}.items())
+            fault = fault or f"{', '.join(bad)} at t = {record.time[0]:g} s and {at}"
+        if fault:
+            raise InvalidParameter(
+                f"model {self.name}: its rate of {fault}, where record {records[0].name} begins, "
+                "is no finite number; expected one there. If a state has no meaning at zero, give "
+                "its start: states={'h': (1.0, 0.1, 'm')}"
+            )
+
+    def _scaled(self, records: Sequence[Record]) -> Equations:
+        """Copy with scales from the records where the short forms state none."""
+        if not self._unscaled:
+            return self
+        out = copy.copy(self)
+        paths = [self.motion(*batch)[0] for batch in ((r, prior_jobs(self, r)) for r in records)]
+        shown = {v: k for k, v in self._outputs.items() if isinstance(v, str)}
+
+        def scale(state: State, paths: Sequence[Array]) -> float:
+            """Largest spread of a state in the records: measured, or else simulated."""
+            name = shown.get(state.name)
+            seen = [r.outputs[name] for r in records if name and name in r.outputs] or paths
+            spread = [float(np.nanstd(v)) for v in seen if np.isfinite(v).any()]
+            return max(spread, default=0.0) or 1.0
+
+        out._states = tuple(
+            replace(s, scale=scale(s, [path[:, i] for path in paths]))
+            for i, s in enumerate(self._states)
+        )
+        if self._inferred:
+            out.coordinates = tuple(
+                replace(c, scale=self._push(c, records, paths)) if isinstance(c, Coordinate) else c
+                for c in self.coordinates
+            )
+        out._make_ports()
+        return out
+
+    def _push(
+        self, coordinate: Coordinate, records: Sequence[Record], paths: Sequence[Array]
+    ) -> float:
+        """Typical force on a coordinate: its inertia times its acceleration in the records."""
+        i = [s.name for s in self._states].index(coordinate.speed)
+        rate = max(
+            float(np.std(np.gradient(path[:, i], r.time)))
+            for r, path in zip(records, paths, strict=True)
+        )
+        inertia = {p.name: abs(p.value) for p in self.parameters}.get(str(coordinate.inertia), 1.0)
+        return inertia * rate if 0.0 < inertia * rate < np.inf else 1.0
+
+    def accepts(self, effect: Effect) -> bool:
+        """Whether an effect has a ``rate``, or is a sensor or input effect."""
+        return effect.rate is not None or super().accepts(effect)
+
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self._simulated([(record, jobs)])[0]
+
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
+        """Simulate batches; jobs with the same included effects are integrated together."""
+        if type(self).simulate is not Equations.simulate:  # a subclass overrides ``simulate``
+            return super().simulate_all(batches)
+        return self._simulated(batches)
+
+    def motion(self, record: Record, jobs: Jobs) -> Array:
+        """See :class:`~unmodeled.fit.Model`."""
+        self._check_batches([(record, jobs)])
+        with np.errstate(all="ignore"):
+            return simulated(self._system, self._traces, [(record, jobs)])[0][1]
+
+    def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
+        """Derivatives along the tape of the rates, or by differences if the rates jump."""
+        for request in requests:
+            request.check(self)
+        own = (Equations.simulate, Equations.simulate_all)
+        if (type(self).simulate, type(self).simulate_all) != own:  # a subclass overrides them
+            return super().sensitivities(requests)
+        self._check_inputs([r.record for r in requests])
+        with np.errstate(all="ignore"):
+            found = sensitivities(self, self._system, self._traces, requests)
+        jump = [i for i, s in enumerate(found) if s is None]
+        if jump:
+            rest = super().sensitivities([requests[i] for i in jump])
+            for i, s in zip(jump, rest, strict=True):
+                found[i] = s
+        return [s for s in found if s is not None]
+
+    def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
+        self._check_batches(batches)
+        with np.errstate(all="ignore"):
+            return [y for y, _ in simulated(self._system, self._traces, batches)]
+
+    @property
+    def _system(self) -> System:
+        """What is integrated."""
+        coordinates = {c.name: c for c in self.coordinates}
+
+        def push(port: str) -> Callable[..., Mapping[str, Any]]:
+            if port in coordinates:
+                return coordinates[port]._push
+            return lambda force, *_: {self._port_states[port]: force}
+
+        return System(
+            self.name,
+            self._states,
+            self._rates,
+            self._outputs,
+            self.inputs,
+            tuple(p.name for p in self.parameters),
+            {port.name: push(port.name) for port in self.ports},
+            self.hold,
+            self.method,
+            self.substeps or 1,
+        )
+
+
+def _units_of(outputs: Mapping[str, Any], states: Sequence[State]) -> dict[str, str]:
+    """Units of the outputs that are states, or rates of states."""
+    units = {s.name: s.unit for s in states}
+    found = {}
+    for name, of in outputs.items():
+        if isinstance(of, str) and of in units:
+            found[name] = units[of]
+        elif isinstance(of, Rate) and units.get(of.state, "1") != "1":
+            found[name] = _per_second(units[of.state])
+    return found
+
+
+def _same_kind(one: str, other: str) -> bool:
+    """Whether values in two units can be converted into each other; unknown units can."""
+    try:
+        return to_si(one)[1] == to_si(other)[1]
+    except InvalidParameter:
+        return True
+
+
+def _per_second(unit: str) -> str:
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit}/s"
+
+
+# --------------------------------------------------------------------------- steps between samples
+
+
+#: Noncentralities: steps are small enough below the first; specified steps cause a warning above
+#: the second; the interpolation of an input is estimated above the third.
+FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
+#: Smallest estimated noise of a channel, as a share of its motion [1].
+LEAST_NOISE = 1e-3
+#: Largest number of substeps.
+MOST = 16
+#: Number of samples of a record, and of records, that are tested.
+LONGEST, RECORDS = 1500, 4
+
+
+def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, list[str]]:
+    """A copy with sufficient substeps; the interpolation of inputs is estimated if detectable.
+
+    Also returns notes for the report.
+    """
+    out = copy.copy(model)
+    notes: list[str] = []
+    seen = [_part(r) for r in records[:RECORDS] if all(n in r.inputs for n in model.inputs)]
+    more = sum(r.samples for r in records) / max(1, sum(r.samples for r in seen))
+
+    def difference_in_noise(one: Equations, other: Equations, unstated: bool = True) -> float:
+        jobs = [(r, prior_jobs(other, r)) for r in seen]
+        return float(np.sqrt(more * _noise_distance(one, other, jobs, unstated)))
+
+    if model.substeps is None:
+        out.substeps, noisy = _substeps(out, 1, difference_in_noise)
+        advice = "method='rosenbrock' suits stiff systems"
+    else:
+        noisy = difference_in_noise(out, _with_substeps(out, 2 * model.substeps))
+        advice = "increase them, or use None to choose them automatically"
+    if noisy > NOISY:
+        notes.append(
+            f"model {model.name}: substeps = {out.substeps}: half the step changes the outputs by "
+            f"{noisy:.3g} times their noise, which can look like an effect; {advice}"
+        )
+    if model.hold == "auto":
+        straight, smooth = copy.copy(out), copy.copy(out)
+        straight.hold, smooth.hold = "linear", "spline"
+        out.hold = "linear"
+        if model.inputs and difference_in_noise(straight, smooth, unstated=False) > DETECTABLE:
+            out.hold = "between"
+            out.parameters = model.parameters + tuple(
+                Parameter(
+                    name=f"{BETWEEN}{n}",
+                    value=0.5,
+                    sd=0.5,
+                    lower=-1.0,
+                    upper=2.0,
+                    component=INTERPOLATION,
+                    label=f"interpolation of {n} between samples",
+                )
+                for n in model.inputs
+            )
+    return out, notes
+
+
+def _part(record: Record) -> Record:
+    return record if record.samples <= LONGEST else record.cut(0, LONGEST)
+
+
+def _with_substeps(model: Equations, substeps: int) -> Equations:
+    out = copy.copy(model)
+    out.substeps = substeps
+    return out
+
+
+def _substeps(
+    model: Equations,
+    substeps: int,
+    difference_in_noise: Callable[[Equations, Equations], float],
+) -> tuple[int, float]:
+    """Smallest doubled number of substeps whose error is not detectable, and the error."""
+    while True:
+        noisy = difference_in_noise(
+            _with_substeps(model, substeps), _with_substeps(model, 2 * substeps)
+        )
+        if noisy <= FINE or substeps >= MOST:
+            return substeps, noisy
+        substeps *= 2
+
+
+def _estimated_noise(values: Array) -> float:
+    """Noise of a channel from its values: at least a small share of its motion."""
+    known = values[np.isfinite(values)]
+    return max(noise_of_record(known), LEAST_NOISE * float(np.std(known))) if known.size else 0.0
+
+
+def _noise_distance(
+    one: Model, other: Model, batches: Sequence[Batch], unstated: bool = False
+) -> float:
+    """Sum of squares of the difference of two models in noise; infinite if one of them fails.
+
+    ``unstated``: channels whose noise is not stated count, with an estimate of it.
+    """
+    total = 0.0
+    runs = zip(batches, one.simulate_all(batches), other.simulate_all(batches), strict=True)
+    for (record, _), a, b in runs:
+        for c, name in enumerate(one.outputs):
+            sensor = record.sensors.get(name)
+            if name not in record.outputs or sensor is None:
+                continue
+            if sigma := sensor.sigma or (unstated and _estimated_noise(record.outputs[name])):
+                y, z = a[0, :, c], b[0, :, c]
+                with np.errstate(over="ignore", invalid="ignore"):
+                    noise = Noise(sigma, relative=sensor.relative_sigma)
+                    part = (y - z) / noise.sd(y)
+                    part[~np.isfinite(y) & ~np.isfinite(z)] = 0.0  # both simulations fail
+                    total += float(np.sum(np.where(np.isfinite(part), part, np.inf) ** 2))
+    return total
+
+
+# ------------------------------------------------------------------------------------- short forms
+
+
+Rates = Callable[[Any, Named, Named, Named], Any]
+#: Number of random points of a trial, and relative difference that is none [1].
+POINTS, EQUAL = 4, 1e-9
+
+
+def states_of(given: Sequence[State] | Mapping[str, Any]) -> tuple[State, ...]:
+    """States from units by name, or from ``(start, sd of the start, unit)``.
+
+    Raises
+    ------
+    InvalidParameter
+        A state has another form.
+    """
+    if not isinstance(given, Mapping):
+        return tuple(given)
+    found = []
+    for name, item in given.items():
+        parts = (0.0, math.inf, item) if isinstance(item, str) else item
+        try:
+            start, sd, unit = parts
+            found.append(State(name=name, unit=unit, start=float(start), start_sd=float(sd)))
+        except (TypeError, ValueError, InvalidParameter):
+            raise InvalidParameter(
+                f"state {name}: got {item!r}, expected its unit, such as 'm', or (start, standard "
+                "deviation of the start, unit)"
+            ) from None
+    return tuple(found)
+
+
+def with_unknown(rates: Rates, neutral: Mapping[str, float]) -> Rates:
+    """The rates with the unknown effects at the values without them."""
+    if not neutral:
+        return rates
+    return lambda t, x, u, p: rates(t, x, u, Named._of({**p._values, **neutral}))
+
+
+def by_rates(rates: Rates, effect: Effect, neutral: Mapping[str, float]) -> Effect:
+    """An effect that is a parameter of the rates: it adds their difference."""
+    name = effect.data
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Any]:
+        del shape
+        values = {**p._values, **neutral}
+        without = rates(t, x, u, Named._of(values))
+        values[name] = neutral[name] + size
+        own = rates(t, x, u, Named._of(values))
+        return {s: b - a for s, a, b in zip(x._values, without, own, strict=False)}
+
+    return replace(effect, rate=rate)
+
+
+class _Read(Named):
+    """Inputs of a trial: any name has random values, and is noted."""
+
+    __slots__ = ("_draw", "place")
+
+    def __init__(self, draw: Callable[[], Array]):
+        self._values: dict[str, Any] = {}
+        self._draw = draw
+        self.place: int | slice = slice(None)
+        """Points whose values are read."""
+
+    def __getitem__(self, name: str) -> Any:
+        return self._values.setdefault(name, self._draw())[self.place]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        return self[name]
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What the rates are found to be at random points."""
+
+    inputs: tuple[str, ...] = ()
+    coordinates: tuple[Coordinate, ...] = ()
+
+
+def trial(
+    rates: Rates,
+    states: Sequence[State],
+    parameters: Sequence[Parameter],
+    inputs: Iterable[str] | None,
+) -> Trial:
+    """Evaluate the rates at random points; rates that fail there tell nothing.
+
+    Parameters
+    ----------
+    rates
+        The rates.
+    states, parameters
+        States and parameters of the model.
+    inputs
+        Names of the inputs; None: all that the rates read.
+
+    Raises
+    ------
+    InvalidParameter
+        The number of rates is not that of the states.
+    """
+    random = np.random.default_rng(0)
+
+    def draw() -> Array:
+        return random.uniform(0.5, 1.5, POINTS)
+
+    x = {s.name: s.start + s.scale * draw() for s in states}
+    p = {q.name: q.value * (1.0 + 0.02 * (draw() - 1.0)) for q in parameters}
+    u = _Read(draw)
+    if inputs is not None:
+        u._values.update({n: draw() for n in inputs})
+
+    def called(values: Mapping[str, Array], place: int | slice) -> list[Array]:
+        u.place = place
+        named = (Named({n: v[place] for n, v in of.items()}) for of in (x, values))
+        with np.errstate(all="ignore"):
+            found = rates(np.zeros(POINTS)[place], next(named), u, next(named))
+        zeros = np.zeros(POINTS)[place]
+        return [zeros + np.asarray(v, dtype=np.float64) for v in found]
+
+    def at(values: Mapping[str, Array]) -> list[Array]:
+        """Rates at all points: by arrays, or by numbers if they do not take arrays."""
+        try:
+            return called(values, slice(None))
+        except Exception:
+            return list(np.array([called(values, k) for k in range(POINTS)]).T)
+
+    heavy: dict[str, list[Array]] = {}
+    try:
+        base = at(p)
+        if len(base) != len(states):
+            raise ValueError  # as below
+        heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
+    except Exception:  # a rate that needs other values; the first simulation reports its faults
+        return Trial(tuple(u._values))
+    if len(base) != len(states):
+        raise InvalidParameter(
+            f"the rates return {len(base)} values, expected one for each state: "
+            f"{', '.join(s.name for s in states)}"
+        )
+    found = []
+    for q, rate in zip(states, base, strict=False):
+        speeds = [i for i, v in enumerate(states) if v is not q and np.array_equal(rate, x[v.name])]
+        if len(speeds) == 1:
+            i = speeds[0]
+            inertias = [
+                name
+                for name, other in heavy.items()
+                if np.allclose(2.0 * other[i], base[i], rtol=EQUAL, atol=0.0) and base[i].any()
+            ]
+            found.append(_coordinate(q, states[i], inertias))
+    return Trial(tuple(u._values), tuple(found))
+
+
+def _massive(parameter: Parameter) -> bool:
+    return any(same_unit(parameter.unit, unit) for unit in ("kg", "kg m^2"))
+
+
+def _coordinate(position: State, speed: State, inertias: Sequence[str]) -> Coordinate:
+    """Coordinate of two states; with one inertia, forces on it are forces."""
+    unit = "1" if position.unit == "1" else position.unit
+    turns = same_unit(unit, "rad")
+    inertia = inertias[0] if len(inertias) == 1 else None
+    force = ("N m" if turns else "N") if inertia else f"{unit}/s^2"
+    return Coordinate(
+        name=position.name,
+        position=position.name,
+        speed=speed.name,
+        inertia=inertia,
+        unit=force,
+        position_unit=unit,
+    )

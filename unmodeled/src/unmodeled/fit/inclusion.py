@@ -1,0 +1,277 @@
+"""A model that includes effects: the magnitudes of the effects become parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record
+from unmodeled.errors import InvalidParameter
+from unmodeled.fit.model import (
+    Batch,
+    Candidate,
+    Effect,
+    Jobs,
+    Model,
+    Parameter,
+    Ready,
+    Sensitivity,
+    SensitivityRequest,
+    State,
+)
+
+__all__ = ["Including", "including"]
+
+
+@checked
+def including(
+    model: Model,
+    included: Sequence[Candidate | Effect],
+    magnitudes: Sequence[float] | None = None,
+    sds: Sequence[float] | None = None,
+) -> Including:
+    """The model with effects as a part of it, which can be fitted and diagnosed like any model.
+
+    Parameters
+    ----------
+    included
+        Effects (their first shape counts) or included effects; ``report.model.included`` of a
+        diagnosis.
+    magnitudes
+        Start values of their fit [units of the effects], in the same order; default: zero. With a
+        prior, its mean.
+    sds
+        Standard deviations of the priors of the magnitudes [units of the effects], finite, > 0;
+        default: no priors.
+
+    Raises
+    ------
+    InvalidParameter
+        A magnitude is out of the bounds of its effect. The model cannot simulate one of the
+        effects. An effect is one of a sensor or an input: correct the records instead of the model.
+    """
+    chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
+    values = (
+        np.zeros(len(chosen)) if magnitudes is None else np.asarray(magnitudes, dtype=np.float64)
+    )
+    widths = np.full(len(chosen), np.inf) if sds is None else np.asarray(sds, dtype=np.float64)
+    if faults := _faults(model, chosen, values, widths):
+        raise InvalidParameter("including: " + "; ".join(faults))
+    out = Including(model, chosen, values)
+    own = {t.name: w for t, w in zip(chosen, widths, strict=True)}
+    return out.with_parameters({p.name: replace(p, sd=float(own[p.name])) for p in out.own})
+
+
+def _faults(model: Model, chosen: Sequence[Candidate], values: Array, widths: Array) -> list[str]:
+    """What prevents effects from being a part of a model."""
+    faults = [
+        f"{given.size} {what} for {len(chosen)} effects"
+        for given, what in ((values, "magnitudes"), (widths, "standard deviations"))
+        if given.shape != (len(chosen),)
+    ]
+    faults += [f"a standard deviation of {w:g}, expected > 0" for w in widths if not w > 0.0]
+    if not faults:
+        faults += [
+            f"{t.name} = {v:g}, expected a value in [{t.effect.bounds[0]:g}, "
+            f"{t.effect.bounds[1]:g}] {t.effect.unit}"
+            for t, v in zip(chosen, values, strict=True)
+            if not t.effect.bounds[0] <= v <= t.effect.bounds[1]
+        ]
+    names = [p.name for p in model.parameters]
+    for t in chosen:
+        if t.effect.observe is not None or t.effect.excite is not None:
+            faults.append(f"{t.name} is not an effect of the machine: correct the records instead")
+        elif not model.accepts(t.effect):
+            faults.append(f"the model {model.name} cannot simulate {t.name}")
+        if t.name in names:
+            faults.append(f"{t.name} is the name of a parameter already")
+        names.append(t.name)
+    return faults
+
+
+@checked
+class Including(Model):
+    """Result of :func:`including`.
+
+    Its last parameters are the magnitudes of the effects.
+    """
+
+    def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
+        if magnitudes.shape != (len(included),):
+            raise InvalidParameter(
+                f"including: magnitudes has shape {magnitudes.shape}, expected {(len(included),)}"
+            )
+        self._base = model
+        self._own = included
+        self.name = f"{model.name} with {', '.join(t.name for t in included)}"
+        self.parameters = model.parameters + tuple(
+            Parameter(
+                name=t.name,
+                value=float(size),
+                unit=t.effect.unit,
+                lower=t.effect.bounds[0],
+                upper=t.effect.bounds[1],
+                component=t.effect.component,
+                scale=t.effect.scale,
+            )
+            for t, size in zip(included, magnitudes, strict=True)
+        )
+        self.outputs = model.outputs
+        self.units = model.units
+        self.ports = model.ports
+        self.difference_step = model.difference_step
+        self.cheap_derivatives = model.cheap_derivatives
+        self.input_modes = model.input_modes
+        self.input_names = model.input_names
+        self.any_inputs = model.any_inputs
+        self.inputs = model.inputs
+        self.effects = model.effects
+
+    def _with(self, base: Model) -> Including:
+        """The same effects, with their parameters, in another version of the original model."""
+        own = self.own
+        out = Including(base, self._own, np.array([p.value for p in own]))
+        out.parameters = base.parameters + own
+        return out
+
+    @property
+    def own(self) -> tuple[Parameter, ...]:
+        """Parameters that are the magnitudes of the effects."""
+        return self.parameters[len(self._base.parameters) :]
+
+    def with_parameters(self, parameters: Mapping[str, Parameter]) -> Including:
+        """See :meth:`~unmodeled.fit.Model.with_parameters`."""
+        names = {p.name for p in self.own}
+        base = {n: p for n, p in parameters.items() if n not in names}
+        out = self._with(self._base.with_parameters(base) if base else self._base)
+        out.parameters = tuple(parameters.get(p.name, p) for p in out.parameters)
+        return out
+
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """States of the model, followed by the hidden states of all included effects."""
+        states = self._base.states((*self._own, *included))
+        mine = len(self._base.states(self._own))
+        return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """The prepared model with the same effects."""
+        base = self._base.ready(records)
+        return replace(base, model=self._with(base.model))
+
+    def accepts(self, effect: Effect) -> bool:
+        """Whether the original model accepts an effect that is not yet included."""
+        return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
+
+    @property
+    def text(self) -> str:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self._base.text
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self._base.suffixes
+
+    def check_writing(self, path: Path) -> None:
+        """Check whether the original model can be written."""
+        self._base.check_writing(path)
+
+    def write(  # noqa: D102
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        # Written by the original model; its effects are part of the written effects.
+        own = self._found(theta, included, magnitudes)
+        return self._base.write(path, *own, provenance=provenance, force=force)
+
+    @checked
+    def numbers(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """See :class:`~unmodeled.fit.Model`.
+
+        Parameters
+        ----------
+        theta, included, magnitudes
+            As for :meth:`write`.
+        """
+        return self._base.numbers(*self._found(theta, included, magnitudes))
+
+    def _found(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[Array, tuple[Candidate, ...], Array]:
+        count = len(self._base.parameters)
+        sizes = np.concatenate([theta[count:], magnitudes])
+        return theta[:count], (*self._own, *included), sizes
+
+    def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
+        """Events of the original model."""
+        return self._base.events(record, outputs)
+
+    def simulate(self, record: Record, jobs: Jobs) -> Array:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self._base.simulate(record, self._inner(jobs))
+
+    def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self._base.simulate_all([(record, self._inner(jobs)) for record, jobs in batches])
+
+    def motion(self, record: Record, jobs: Jobs) -> Array | None:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self._base.motion(record, self._inner(jobs))
+
+    def _inner(self, jobs: Jobs) -> Jobs:
+        """The jobs of the original model."""
+        count = len(self._base.parameters)
+        sizes = [jobs.theta[:, count:], *([jobs.magnitudes] if jobs.included else [])]
+        return replace(
+            jobs,
+            theta=jobs.theta[:, :count],
+            included=(*self._own, *jobs.included),
+            magnitudes=np.hstack(sizes),
+        )
+
+    def sensitivities(  # noqa: D102
+        self, requests: Sequence[SensitivityRequest]
+    ) -> list[Sensitivity]:
+        # Derivatives of the original model; those by the included magnitudes become parameters.
+        count = len(self._base.parameters)
+        inner = []
+        for request in requests:
+            request.check(self)
+            inner.append(
+                replace(
+                    request,
+                    theta=request.theta[:count],
+                    included=(*self._own, *request.included),
+                    magnitudes=np.concatenate([request.theta[count:], request.sizes]),
+                    by_theta=[i for i in request.parameters_of(self) if i < count],
+                    shape_changes=tuple(
+                        replace(c, effect=c.effect + len(self._own)) for c in request.shape_changes
+                    ),
+                )
+            )
+        found = self._base.sensitivities(inner)
+        return [self._outer(r.parameters_of(self), s) for r, s in zip(requests, found, strict=True)]
+
+    def _outer(self, wanted: tuple[int, ...], s: Sensitivity) -> Sensitivity:
+        """Derivatives by the parameters of this model, from those of the original model."""
+        count, own = len(self._base.parameters), len(self._own)
+        base = [i for i in wanted if i < count]
+        order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
+        by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)
+        return replace(
+            s,
+            d_theta=by_outputs[..., order],
+            d_magnitudes=s.d_magnitudes[..., own:],
+        )

@@ -1,0 +1,241 @@
+"""A MuJoCo model (MJCF) as a simulator: its joints and actuators have parameters and effects."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record
+from unmodeled.errors import InvalidParameter, near_names
+from unmodeled.files import write_text
+from unmodeled.fit.calling import Run
+from unmodeled.fit.mjcf_changes import controls, quiet
+from unmodeled.fit.mjcf_runs import Mjcf
+from unmodeled.fit.model import Candidate, Ready
+from unmodeled.fit.priors import Bounds, Priors, Unknowns
+from unmodeled.fit.simulator import Simulator
+
+__all__ = ["MujocoModel", "mujoco"]
+
+#: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
+#: the error of the time step is told.
+STEP_ERROR, OF_SPREAD = 0.3, 0.01
+
+
+class MujocoModel(Simulator):
+    """Result of :func:`mujoco`."""
+
+    mjcf: Mjcf
+    """The function, which makes changed models with ``mjcf.patched``."""
+
+    def matched(self, records: Sequence[Record]) -> Ready:
+        """See :class:`~unmodeled.fit.Model`.
+
+        Raises
+        ------
+        InvalidParameter
+            An input of a record is no actuator.
+        """
+        known = controls(self.mjcf.model)
+        if not any(self._open):
+            ready = super().matched(records)
+            left = ", ".join(n for n in known if n not in self.inputs)
+            note = f"no column is its actuator {left}, which keeps its start value"
+            return replace(ready, notes=(*ready.notes, note)) if left else ready
+        for r in records if self._open[0] else ():
+            if wrong := [n for n in r.inputs if n not in known]:
+                raise InvalidParameter(
+                    f"model {self.name}: the input {wrong[0]} of record {r.name} is no actuator"
+                    f"{near_names(wrong[0], known)}; there are {', '.join(known) or 'none'} "
+                    f"(--column ACTUATOR={wrong[0]}, in Python columns of ReadOptions, says which "
+                    "it is; inputs= of the model chooses)"
+                )
+        return super().matched(records)
+
+    def ready(self, records: Sequence[Record]) -> Ready:
+        """See :class:`~unmodeled.fit.Model`: the error of the time step is a note."""
+        if self._ready or any(self._open):
+            return super().ready(records)
+        ready = super().ready(records)
+        return replace(ready, notes=(*ready.notes, *self._time_step(records[0])))
+
+    def _time_step(self, record: Record) -> Iterator[str]:
+        """Notes about the steps of runs, and their error: the change by steps of half the size."""
+        own, interval = float(self.mjcf.model.opt.timestep), float(np.median(np.diff(record.time)))
+        step = interval / self.mjcf.steps(interval)
+        if not 0.999 * own < step < 1.001 * own:
+            yield (
+                f"model {self.name}: its time step of {own:g} s is {step:.4g} s in record "
+                f"{record.name}, whose samples are {interval:.4g} s apart"
+            )
+        run = Run.of(record, self.inputs, self._point([p.value for p in self.parameters]))
+        smaller = copy.copy(self.mjcf)
+        smaller.parts = 2
+        one, half = (m.run_all([run])[0] for m in (self.mjcf, smaller))
+        found = []
+        for name in self.outputs:
+            sensor = record.sensors.get(name)
+            sigma = sensor.sigma if sensor is not None else None
+            error = float(np.sqrt(np.mean((one[name] - half[name]) ** 2)))
+            if not error <= (STEP_ERROR * sigma if sigma else OF_SPREAD * np.std(one[name])):
+                beside = f", {error / sigma:.2g} times its noise" if sigma else ""
+                found.append(f"{name} by {error:.2g} (rms{beside})")
+        if found:
+            yield (
+                f"model {self.name}: half its time step changes {', '.join(found)}: {step:.4g} s is "
+                "a long step, whose error may be taken for a cause"
+            )
+
+    @property
+    def text(self) -> str:
+        """The file as MuJoCo writes it."""
+        return str(self.mjcf.spec.to_xml())
+
+    @property
+    def suffixes(self) -> tuple[str, ...]:
+        """A changed MJCF file, or the numbers."""
+        return (".xml", ".toml")
+
+    @checked
+    def numbers(
+        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
+    ) -> tuple[dict[str, float], dict[str, float]]:
+        """Properties of the file that change, and effects that MJCF cannot express.
+
+        An input that acts late is the delay of its actuator.
+        """
+        values, effects = super().numbers(theta, included, magnitudes)
+        known = self.mjcf.properties
+        values = {n: v for n, v in values.items() if v != known[n].value}
+        for name in controls(self.mjcf.model):
+            late = -effects.get(f"delay of input {name}", 0.0)
+            if late > 0.0:
+                values[f"{name}.delay"] = late
+                del effects[f"delay of input {name}"]
+        return values, effects
+
+    def write(  # noqa: D102
+        self,
+        path: Path,
+        theta: Array,
+        included: Sequence[Candidate],
+        magnitudes: Array,
+        *,
+        provenance: str = "",
+        force: bool = False,
+    ) -> Path:
+        # As MuJoCo writes it, without the comments of the file.
+        if path.suffix != ".xml":
+            return super().write(
+                path, theta, included, magnitudes, provenance=provenance, force=force
+            )
+        self.check_writing(path)
+        values, _ = self.numbers(theta, included, magnitudes)
+        patched = self.mjcf.patched(values)
+        source = self.mjcf.path.absolute().parent
+        assets = (*patched.meshes, *patched.textures, *patched.hfields, *patched.skins)
+        if assets and path.absolute().parent != source:  # their files stay where they are
+            patched.meshdir = (source / patched.meshdir).as_posix()
+            patched.texturedir = (source / patched.texturedir).as_posix()
+        with quiet():
+            patched.compile()
+        told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
+        comment = f"<!-- {told.replace('--', '- -')} -->\n"
+        return write_text(path, comment + patched.to_xml(), force=force)
+
+
+@checked
+def mujoco(
+    path: str | Path,
+    *,
+    parameters: Priors = (),
+    unknown: Unknowns = None,
+    inputs: Sequence[str] | Mapping[str, str] | None = None,
+    outputs: Sequence[str] | Mapping[str, str] | None = None,
+    bounds: Bounds = None,
+    key: str = "",
+    settle: float = 0.0,
+    hold: Literal["linear", "zero"] = "zero",
+    workers: int | None = None,
+    name: str = "",
+) -> MujocoModel:
+    """A MuJoCo model as a model; requires the package ``mujoco``.
+
+    Properties have the names ``JOINT.damping``, ``JOINT.frictionloss``, ``JOINT.armature``,
+    ``JOINT.stiffness``, ``JOINT.backlash`` (half of the clearance: a second joint with this range),
+    ``ACTUATOR.gain``, ``ACTUATOR.gear`` and ``BODY.mass``.
+
+    Parameters
+    ----------
+    path
+        MJCF or URDF file.
+    parameters
+        Fitted properties with their priors; the value None is that of the file:
+        ``{"hip.damping": (None, 0.1)}``.
+    unknown
+        Properties that are effects; default: all of every hinge and slide, and gain and gear of
+        every servo. (The gain of a motor is that of its input.)
+    inputs
+        Default: the actuators that the records have.
+    outputs
+        Sensors, ``SENSOR`` or ``SENSOR.x``, and joints, ``JOINT`` (or ``JOINT.position``) and
+        ``JOINT.velocity`` [m or rad, m/s or rad/s]; default: those that the records have. With
+        backlash, a joint is both sides together; a sensor of a joint is on the side of the motor.
+    bounds
+        As for :class:`Simulator`.
+    key
+        Keyframe at which records start; default: the pose of the file.
+    settle
+        Time before a record with its first inputs [s].
+    hold
+        Input between samples: constant, or ``"linear"``.
+    workers, name
+        As for :class:`Simulator`; default of the name: the name of the file.
+
+    Raises
+    ------
+    InvalidParameter
+        MuJoCo is not installed, the file is not MJCF, or it does not have a property.
+    """
+    path = Path(path).absolute()
+    function = Mjcf(path, key, settle, hold, workers)
+    known = function.properties
+    listed = [p if isinstance(p, str) else p.name for p in parameters]
+    asked = [*listed, *(unknown or {})]
+    for n in asked:
+        if n not in known:
+            raise InvalidParameter(
+                f"{path}: has no property {n}{near_names(n, known)}; there are {', '.join(known)}"
+            )
+    actuators = controls(function.model)
+    if wrong := [n for n in inputs or () if n not in actuators]:
+        raise InvalidParameter(
+            f"{path}: its input {wrong[0]} is no actuator{near_names(wrong[0], actuators)}; "
+            f"there are {', '.join(actuators) or 'none'}"
+        )
+    if unknown is None:
+        chosen = {n: v for n, v in known.items() if n not in listed and v.tested}
+        unknown = {n: (v.value, 0.0, v.unit) for n, v in chosen.items()}
+    out = MujocoModel(
+        function,
+        parameters=parameters,
+        unknown=unknown,
+        inputs=inputs,
+        outputs=outputs,
+        bounds=bounds,
+        workers=workers,
+        name=name or path.stem,
+    )
+    out.mjcf = function
+    out._jumps = frozenset(n for n in known if n.endswith(".backlash"))
+    out.effects = tuple(
+        replace(e, component=e.name.rpartition(".")[0], mechanism=known[e.name].kind.mechanism)
+        for e in out.effects
+    )
+    return out

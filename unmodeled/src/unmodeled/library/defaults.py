@@ -1,0 +1,219 @@
+"""Candidates of a diagnosis from what a model has: effects with their sizes from the records."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record
+from unmodeled.errors import InvalidParameter, near_names
+from unmodeled.fit.coordinates import Coordinate, Named
+from unmodeled.fit.model import Effect, Model, State, prior_jobs
+from unmodeled.library import (
+    constant_rate,
+    exchange,
+    for_coordinate,
+    for_input,
+    for_sensor,
+    leak,
+    power_outflow,
+)
+from unmodeled.units import same_unit
+
+__all__ = ["candidates", "chosen_effects"]
+
+#: Share of the values below the typical size of a quantity [1].
+TYPICAL = 0.98
+#: Typical loss of a level by a missing flow, as a share of its own rate [1].
+FLOW = 0.1
+
+
+@checked
+def candidates(model: Model, records: Sequence[Record] | Record) -> tuple[Effect, ...]:
+    """Effects that a model may lack, with sizes from the records.
+
+    They are the effects that the model offers (unknown parameters of a simulator, the library of a
+    mechanism), those of every coordinate, of every other state, of every input, and of every
+    sensor. :meth:`unmodeled.fit.Model.diagnose` tests them.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    records
+        Measured runs; at least one.
+    """
+    records = (records,) if isinstance(records, Record) else tuple(records)
+    matched = model.matched(records)
+    ready = matched.model.ready(matched.records)
+    return tuple(_all(ready.model, ready.records))
+
+
+def chosen_effects(
+    model: Model,
+    records: Sequence[Record],
+    effects: Sequence[Effect | str] | None,
+    exclude: Sequence[str] | str,
+) -> tuple[tuple[Effect, ...], tuple[str, ...]]:
+    """Effects of a diagnosis, and a note about the choice.
+
+    Parameters
+    ----------
+    model, records
+        A model that is ready for its records.
+    effects
+        Effects, or names and patterns of the default ones; None: all default ones.
+    exclude
+        Names, patterns, or components that are left out.
+
+    Raises
+    ------
+    InvalidParameter
+        A name fits no effect.
+    """
+    exclude = [exclude] if isinstance(exclude, str) else list(exclude)
+    own = [e for e in effects or () if isinstance(e, Effect)]
+    texts = [e for e in effects or () if isinstance(e, str)]
+    if effects is not None and not texts and not exclude:
+        return tuple(own), ()
+    if effects is None:
+        own += _all(model, records)
+    elif texts:
+        own += _named(tuple(_all(model, records)), texts, "effects")
+    out = {e.name for e in _named(own, exclude, "exclude")}
+    kept = tuple(e for e in own if e.name not in out)
+    return kept, (_note(kept, [e.name for e in own if e.name in out], records),)
+
+
+def _note(kept: Sequence[Effect], out: Sequence[str], records: Sequence[Record]) -> str:
+    """Note about the choice of effects; ``out``: those that are left out."""
+    counted = Counter(e.component for e in kept)
+    listed = ", ".join(f"{count} of {part}" for part, count in counted.items())
+    left = f"; left out: {', '.join(out)}" if out else ""
+    names = ", ".join(dict.fromkeys(r.name for r in records))
+    return (
+        f"effects tested: {len(kept)} ({listed or 'none'}), with sizes from {names}{left}; "
+        "effects= and exclude= change the choice"
+    )
+
+
+def _named(effects: Sequence[Effect], names: Sequence[str], what: str) -> list[Effect]:
+    """Effects by name, pattern or component."""
+    found: dict[str, Effect] = {}
+    for name in names:
+        fitting = [
+            e for e in effects if fnmatchcase(e.name, name) or fnmatchcase(e.component, name)
+        ]
+        if not fitting:
+            known = [e.name for e in effects]
+            raise InvalidParameter(
+                f"{what}: got {name!r}, no effect, pattern or component"
+                f"{near_names(name, known)}; there are {', '.join(known) or 'none'}"
+            )
+        found |= {e.name: e for e in fitting}
+    return list(found.values())
+
+
+def _all(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
+    yield from model.effects
+    if model.offers_all:
+        return
+    yield from _of_states(model, records)
+    for name in model.inputs or dict.fromkeys(n for r in records for n in r.inputs):
+        with_it = [r for r in records if name in r.inputs]
+        if with_it:
+            widest = max(with_it, key=lambda r: float(np.ptp(r.inputs[name])))
+            unit = model.units.get(name)
+            yield from for_input(name, widest, unit=unit)
+    for name in model.outputs:
+        seen = [r for r in records if np.isfinite(r.outputs.get(name, np.nan)).any()]
+        if seen:
+            widest = max(seen, key=lambda r: float(np.nanstd(r.outputs[name])))
+            yield from for_sensor(model.outputs, name, widest)
+
+
+def _typical(values: Array) -> float:
+    """Typical size of the values that are finite; 1 if all are zero."""
+    known = np.abs(values[np.isfinite(values)])
+    return float(np.quantile(known, TYPICAL)) if known.size and known.max() > 0.0 else 1.0
+
+
+def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
+    states = model.states()
+    if not states:
+        return
+    paths = [(r, x) for r in records if (x := _path(model, r)) is not None]
+    if not paths:
+        return
+    named = [Named(dict(zip((s.name for s in states), x.T, strict=True))) for _, x in paths]
+    times = [r.time for r, _ in paths]
+
+    def rates(values: Sequence[Array]) -> list[Array]:
+        return [np.gradient(v, t) for v, t in zip(values, times, strict=True)]
+
+    used: set[str] = set()
+    for c in model.coordinates:
+        used |= {n for part in c.parts for n in (part.position, part.speed)}
+        position, speed = zip(*(c.motion(x) for x in named), strict=True)
+        travel = _typical(np.concatenate([q - np.median(q) for q in position]))
+        forces = [
+            rate * _inertia(model, c.parts[0], r, x)
+            for rate, (r, _), x in zip(rates(speed), paths, named, strict=True)
+        ]
+        pace, force = _typical(np.concatenate(speed)), _typical(np.concatenate(forces))
+        yield from for_coordinate(
+            c,
+            force=force,
+            travel=travel,
+            speed=pace,
+            time=travel / pace,
+        )
+    for state in (s for s in states if s.name not in used):
+        levels = [x[state.name] for x in named]
+        values = np.concatenate(levels)
+        rate, size = FLOW * _typical(np.concatenate(rates(levels))), _typical(values)
+        yield constant_rate(state.name, scale=rate, unit=f"{state.unit}/s")
+        yield leak(state.name, scale=rate / size)
+        if values.min() >= 0.0:
+            unit = "1/s" if state.unit == "1" else f"1/({state.unit} s)"
+            yield power_outflow(state.name, 2.0, scale=rate / size**2, unit=unit)
+        yield from _exchanges(model, state, paths, values, rate)
+
+
+def _exchanges(
+    model: Model,
+    state: State,
+    paths: Sequence[tuple[Record, Array]],
+    values: Array,
+    rate: float,
+) -> Iterator[Effect]:
+    """Exchanges of a state with inputs in the same unit."""
+    for name in model.inputs:
+        unit = model.units.get(name) or next((r.input_units.get(name, "") for r, _ in paths), "")
+        if not unit or unit == "1" or not same_unit(unit, state.unit):
+            continue
+        ambient = np.concatenate([r.inputs[name] for r, _ in paths])
+        apart = _typical(values - ambient)
+        for power in (1.0, 2.0):
+            unit = "1/s" if power == 1.0 else f"1/({state.unit} s)"
+            scale = rate / apart**power
+            yield exchange(state.name, name, power, scale=scale, unit=unit)
+
+
+def _path(model: Model, record: Record) -> Array | None:
+    """States of the tabulated model over a record, (n, nx); None: it has none, or fails."""
+    path = model.motion(record, prior_jobs(model, record))
+    return None if path is None or not np.isfinite(path).all() else path[0]
+
+
+def _inertia(model: Model, c: Coordinate, record: Record, x: Named) -> Array | float:
+    """Inertia of a coordinate along a path, (n,); 1 if it is not stated."""
+    p = Named({p.name: p.value for p in model.parameters})
+    with np.errstate(all="ignore"):
+        pushed = c.push(np.float64(1.0), record.time, x, Named(dict(record.inputs)), p)[c.speed]
+        inertia = np.asarray(1.0 / np.abs(pushed))
+    return np.where(np.isfinite(inertia), inertia, 1.0)

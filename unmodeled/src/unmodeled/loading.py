@@ -1,0 +1,328 @@
+"""Models from files and from extensions, with the effects that are tested."""
+
+from __future__ import annotations
+
+import importlib.util
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib.metadata import entry_points
+from pathlib import Path
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Protocol
+
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+
+if TYPE_CHECKING:
+    from unmodeled.data import ReadOptions, Record
+    from unmodeled.data.mapping import Signals
+    from unmodeled.experiment import Limits
+    from unmodeled.fit import Effect, Model
+
+__all__ = ["GROUP", "MJCF", "Extension", "LoadedModel", "extensions", "load_model"]
+
+#: Endings of files of MuJoCo models.
+MJCF = (".xml", ".mjcf", ".urdf")
+#: Group of the entry points of extensions.
+GROUP = "unmodeled.models"
+
+
+class Extension(Protocol):
+    """What an entry point of the group ``unmodeled.models`` names: a module with these functions.
+
+    A package that has such an entry point adds its own kind of models to :func:`load_model` and to
+    the command line.
+    """
+
+    def load(
+        self,
+        name: str,
+        settings: Mapping[str, str],
+        channels: Sequence[str],
+        notify: Callable[[str], None] | None,
+    ) -> LoadedModel | None:
+        """Model of a name or a file; None: it is not of this kind."""
+
+    def names(self) -> Iterable[str]:
+        """Names of the models that it knows without a file."""
+
+    def settings(self, words: Sequence[str], incomplete: str) -> Iterable[str]:
+        """Completions of a setting ``NAME=VALUE``, from the words of the command line."""
+
+
+@cache
+def extensions() -> tuple[Extension, ...]:
+    """Installed extensions."""
+    return tuple(e.load() for e in entry_points(group=GROUP))
+
+
+@dataclass(frozen=True)
+class LoadedModel:
+    """A model with the effects that are tested."""
+
+    model: Model
+    effects: tuple[Effect, ...] = ()
+    planned: tuple[Record, ...] = ()
+    """Possible runs, for ``unmodeled plan``."""
+    outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
+    """Function that returns the outputs of named channels."""
+    limits: Limits | None = None
+    """Limits of experiments, unless a file states others."""
+    write_input: Callable[..., list[Path]] | None = None
+    """Function ``(experiment, stem, unit, force) -> paths`` that writes a planned input in a format
+    of its own."""
+    made: Callable[[Sequence[Record]], Sequence[Effect]] | None = None
+    """Function that makes the effects from the records; None: ``effects`` are all."""
+    default: bool = False
+    """Whether the effects are the default ones, :func:`unmodeled.candidates`."""
+
+    @property
+    def signals(self) -> Signals:
+        """Possible signals of the columns of a measured file."""
+        from unmodeled.data.mapping import Signals
+
+        return Signals(
+            inputs=self.model.inputs,
+            outputs=self.model.outputs,
+            modes=self.model.input_modes,
+            units=self.model.units,
+            names=self.model.input_names,
+            any_inputs=self.model.any_inputs,
+        )
+
+    def read(self, data: Sequence[Path], options: ReadOptions | None = None) -> tuple[Record, ...]:
+        """Read measured files as records of the model."""
+        return tuple(r for group in self.read_each(data, options) for r in group)
+
+    def read_each(
+        self, data: Sequence[Path], options: ReadOptions | None = None
+    ) -> tuple[tuple[Record, ...], ...]:
+        """Read records by file; a file may contain several runs."""
+        from unmodeled.data.files import read_each
+
+        return read_each(data, self.signals, options)
+
+    def with_records(self, records: Sequence[Record], exclude: Sequence[str] = ()) -> LoadedModel:
+        """Copy whose effects are made from these records, or from planned ones.
+
+        ``exclude``: names, patterns or components of effects that are left out.
+
+        Raises
+        ------
+        InvalidParameter
+            There is no record, or the function of the effects fails.
+        """
+        from unmodeled.fit.calling import calling
+        from unmodeled.library.defaults import chosen_effects
+        from unmodeled.search.records import ready_records
+
+        records = tuple(records) or self.planned
+        if self.made is None and not self.default:
+            kept, _ = chosen_effects(self.model, records, self.effects, exclude)
+            return replace(self, effects=kept)
+        if not records:
+            raise InvalidParameter(
+                f"model {self.model.name}: its effects are a function of the records; give "
+                "measured files, or define planned records"
+            )
+        if self.made is None:
+            ready = ready_records(self.model, records)
+            kept, _ = chosen_effects(ready.model, ready.records, None, exclude)
+            return replace(self, model=ready.model, effects=kept, default=False)
+        with calling(f"model {self.model.name}: effects(records)"):
+            effects, fault = _listed(self.made(records))
+        if fault:
+            raise InvalidParameter(f"model {self.model.name}: effects(records) {fault}")
+        return replace(self, effects=effects, made=None).with_records(records, exclude)
+
+    def measured(self, path: Path | None) -> LoadedModel:
+        """Copy with tests of single parts instead of tolerances."""
+        from unmodeled.fit.measured import read_measured, with_measured
+
+        if path is None:
+            return self
+        tests = read_measured(path, self.model, self.effects)
+        return replace(self, model=with_measured(self.model, tests, self.effects))
+
+    def including(self, names: Sequence[str]) -> LoadedModel:
+        """Copy whose model includes effects of the library."""
+        from unmodeled.fit import including
+
+        names = list(dict.fromkeys(names))
+        if not names:
+            return self
+        known = {e.name: e for e in self.effects}
+        unknown = [n for n in names if n not in known]
+        if unknown:
+            raise InvalidParameter(
+                f"--include {', '.join(unknown)}: no such effect; there are {', '.join(known)}"
+            )
+        return replace(
+            self,
+            model=including(self.model, [known[n] for n in names]),
+            effects=tuple(e for e in known.values() if e.name not in names),
+        )
+
+
+@checked
+def load_model(
+    name: str,
+    settings: Mapping[str, str] | None = None,
+    channels: Sequence[str] = (),
+    *,
+    parameters: Mapping[str, tuple[float | None, float, str]] | None = None,
+    unknown: Mapping[str, Any] | None = None,
+    notify: Callable[[str], None] | None = None,
+) -> LoadedModel:
+    """Model by the path of a file, or by a name that an extension knows.
+
+    The file is an FMU, a MuJoCo model (XML), Python, or a file of an extension. A Python file
+    defines ``model``, or another name behind a colon: an :class:`unmodeled.Model`, or a function
+    ``(time, inputs, parameters) -> {output: values}``. It may define ``effects`` (a sequence of
+    :class:`unmodeled.Effect`, or a function of the records that returns one, see
+    :meth:`LoadedModel.with_records`), ``planned`` (possible records) and ``limits`` (a
+    :class:`unmodeled.experiment.Limits`). The file is executed: only use files that you trust.
+
+    Parameters
+    ----------
+    name
+        Path of the file, or name.
+    settings
+        Settings of a model of an extension, by name.
+    channels
+        Channels of a model of an extension that are required in addition to its default ones.
+    parameters, unknown
+        As for :class:`unmodeled.Simulator`, for functions, FMUs and MuJoCo models.
+    notify
+        Function that receives sentences about assumptions.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such model, or an argument does not belong to its kind.
+    """
+    from unmodeled.fit import fmu, mujoco
+
+    parameters, unknown = parameters or {}, unknown or {}
+    stem, _, attribute = name.partition(".py:")
+    path = Path(f"{stem}.py" if attribute else name)
+    kind = path.suffix.lower()
+    if settings and kind in (".py", ".fmu", *MJCF):
+        raise InvalidParameter(f"{name}: has no settings (--set), because it is a {kind} file")
+    if kind == ".py":
+        return _from_file(path, attribute, parameters, unknown)
+    if kind in (".fmu", *MJCF):
+        make = fmu if kind == ".fmu" else mujoco
+        model = make(path, parameters=parameters, unknown=unknown or None)
+        return LoadedModel(model, default=True)
+    for extension in extensions():
+        found = extension.load(name, settings or {}, channels, notify)
+        if found is None:
+            continue
+        if parameters or unknown:
+            raise InvalidParameter(
+                f"{name}: has its own parameters; --set changes their values, instead of "
+                "--parameter and --unknown"
+            )
+        return found
+    from unmodeled.data.columns import MEASURED_FILES
+
+    measured = kind in MEASURED_FILES
+    hint = "; this is a file of data, the model is the first argument" if measured else ""
+    others = [n for e in extensions() for n in e.names()]
+    known = f", or one of {', '.join(others)}" if others else ""
+    raise InvalidParameter(
+        f"no model {name!r}; expected a Python file (model.py:FUNCTION), an FMU, a MuJoCo model "
+        f"(.xml){known}{hint}"
+    )
+
+
+def _from_file(
+    path: Path,
+    attribute: str,
+    parameters: Mapping[str, tuple[float | None, float, str]],
+    unknown: Mapping[str, Any],
+) -> LoadedModel:
+    """Model, effects, planned runs and limits of a Python file."""
+    from unmodeled.experiment import Limits
+    from unmodeled.fit import Model
+    from unmodeled.fit.calling import calling
+
+    names = _executed(path)
+    model = _model_of(path, names, attribute or "model", parameters, unknown)
+    given = names.get("effects")
+    made = given if callable(given) else None
+    with calling(f"{path}: effects"):
+        effects, fault = ((), "") if made or given is None else _listed(given)
+    faults = [] if isinstance(model, Model) else [model]
+    faults += [f"effects {fault}"] if fault else []
+    limits = names.get("limits")
+    if limits is not None and not isinstance(limits, Limits):
+        faults.append(f"limits is {type(limits).__name__}, expected an unmodeled.experiment.Limits")
+    if faults:
+        raise InvalidParameter(f"{path}: " + "; ".join(map(str, faults)))
+    assert isinstance(model, Model)
+    planned = tuple(names.get("planned", ()))
+    return LoadedModel(model, effects, planned, limits=limits, made=made, default=given is None)
+
+
+def _executed(path: Path) -> dict[str, Any]:
+    """Names that a Python file defines."""
+    from unmodeled.files import is_file
+
+    if not is_file(path):
+        raise InvalidParameter(f"{path}: there is no such file")
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except SystemExit as error:
+        raise InvalidParameter(
+            f"{path}: ends the program (exit code {error.code!r}), expected it to define a model"
+        ) from None
+    except Exception as error:
+        raise InvalidParameter(f"{path}: {type(error).__name__}: {error}") from error
+    return vars(module)
+
+
+def _model_of(
+    path: Path,
+    names: Mapping[str, Any],
+    wanted: str,
+    parameters: Mapping[str, tuple[float | None, float, str]],
+    unknown: Mapping[str, Any],
+) -> Model | str:
+    """Model of a Python file, or why there is none."""
+    from unmodeled.fit import Model, Simulator
+
+    model = names.get(wanted)
+    if callable(model) and not isinstance(model, (Model, type)):
+        return Simulator(model, parameters=parameters, unknown=unknown)
+    if model is not None and (parameters or unknown):
+        raise InvalidParameter(
+            f"{path}: --parameter and --unknown describe a function; {wanted} is "
+            f"{type(model).__name__}, which has its own"
+        )
+    if isinstance(model, Model):
+        return model
+    if model is not None:
+        return f"{wanted} is {type(model).__name__}, expected an unmodeled.Model or a function"
+    others = [n for n, v in names.items()
+              if isinstance(v, (Model, FunctionType)) and not n.startswith("_")]  # fmt: skip
+    hint = f"; there is {path.name}:{f', {path.name}:'.join(others)}" if others else ""
+    return f"{wanted} is missing, expected a model or a function with this name{hint}"
+
+
+def _listed(given: object) -> tuple[tuple[Effect, ...], str]:
+    """Effects as a tuple, and why something is no sequence of effects; empty: it is one."""
+    from unmodeled.fit import Effect
+
+    if not isinstance(given, Iterable):
+        return (), f"is {type(given).__name__}, expected a sequence of unmodeled.Effect"
+    effects = tuple(given)
+    if not all(isinstance(e, Effect) for e in effects):
+        return (), "holds something that is no unmodeled.Effect"
+    return effects, ""

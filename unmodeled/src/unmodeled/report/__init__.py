@@ -1,0 +1,718 @@
+"""The report of a diagnosis: all sentences, as text, as an HTML page, and as files.
+
+The first screen says what the model misses, what explains it, what is left, and what to do. Numbers
+for specialists are in the tables of details, which follow.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record
+from unmodeled.files import make_folder, write_text
+from unmodeled.fit.model import Candidate, Effect, Model
+from unmodeled.report.figures import correlation, residuals, svg, waterfall
+from unmodeled.search.compare import simulated
+from unmodeled.search.records import same_number
+from unmodeled.search.result import (
+    Cell,
+    Channel,
+    Named,
+    ParameterValue,
+    Place,
+    Reason,
+    Result,
+    Verdict,
+)
+from unmodeled.units import readable_unit
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+
+__all__ = ["Explained", "Report", "explained_model", "render_page"]
+
+#: Words of reasons that a user must know beside the verdict.
+TOLD = {
+    Reason.NOISE_NOT_STATED: "No noise of a sensor is stated; it is taken from what the model "
+    "leaves, as far as neighboring samples do not share it.",
+    Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
+    "magnitude in each record, as an imitation of something that is not in the list has.",
+    Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
+    Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
+    "their simulation fails.",
+    Reason.NOT_COMPLETE: "The search ended at its limit of time, or was interrupted.",
+    Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
+    "than the tabulated one.",
+}
+#: Verdicts as words.
+VERDICTS = {
+    Verdict.NO_GAP: "No gap",
+    Verdict.CALIBRATED: "Calibrated",
+    Verdict.NAMED: "Named",
+    Verdict.ONE_OF: "One of several",
+    Verdict.UNKNOWN: "Unknown",
+}
+#: Largest multiple of the noise that counts as the noise, and multiple of its standard deviation
+#: from which a delay is told.
+NOISE, LATE = 1.3, 4.0
+#: Correlation above which two unknowns are hardly separated [1].
+TOGETHER = 0.95
+#: Largest share that remains with an action at a place that is told [1].
+USEFUL = 0.8
+#: Largest numbers of parameters on the first screen, of rows of a table, and of next steps.
+PARAMETERS, ROWS, STEPS = 6, 8, 3
+
+
+@dataclass(frozen=True)
+class _Section:
+    """A part of the report."""
+
+    title: str
+    lines: Sequence[str] = ()
+    items: Sequence[str] = ()
+    head: Sequence[str] = ()
+    """Head of the table; its first column is text, the others are numbers."""
+    rows: Sequence[Sequence[str]] = ()
+
+
+# ---------------------------------------------------------------- numbers and lists
+
+
+def _number(value: float, uncertainty: float = 0.0) -> str:
+    """A number with the digits that its uncertainty supports: two of the uncertainty."""
+    if not math.isfinite(value):
+        return "-"
+    if not math.isfinite(uncertainty) or uncertainty <= 0.0:
+        return f"{value:.4g}"
+    places = 1 - math.floor(math.log10(uncertainty))
+    value = round(value, places) + 0.0  # no negative zero
+    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{value:.6g}"
+
+
+def _interval(x: Named | ParameterValue) -> str:
+    """Value with its unit and 95 % interval."""
+    value = x.magnitude if isinstance(x, Named) else x.value
+    factor, unit = _scale(x)
+    low, middle, high = (
+        _number(factor * v, 0.5 * factor * (x.high - x.low)) for v in (x.low, value, x.high)
+    )
+    return f"{middle}{unit} ({low} to {high})"
+
+
+def _scale(x: Named | ParameterValue) -> tuple[float, str]:
+    """Factor and unit in which a value is told, the unit with a space before it."""
+    if isinstance(x, ParameterValue) and x.relative:
+        return 100.0, " %"
+    factor, unit = readable_unit(max(abs(x.low), abs(x.high)), x.unit)
+    return factor, "" if unit == "1" else f" {unit}"
+
+
+def _tabulated(p: ParameterValue) -> str:
+    factor, unit = _scale(p)
+    return f"{_number(factor * p.tabulated)}{unit}"
+
+
+def _size(value: float, unit: str) -> str:
+    factor, name = readable_unit(value, unit)
+    return f"{float(f'{factor * value:.3g}'):.6g}{'' if name == '1' else f' {name}'}"
+
+
+def _tolerances(p: ParameterValue) -> str:
+    return f"{float(f'{p.tolerances:.2g}'):g} tolerances"
+
+
+def _percent(value: float) -> str:
+    return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
+
+
+def _part(c: Channel, residual: float) -> str:
+    """A residual as a share of the motion, or in its unit if nothing moves."""
+    return _percent(c.share(residual)) if c.motion > 0.0 else _size(residual, c.unit)
+
+
+def _times(c: Channel) -> str:
+    """What remains as a multiple of the noise of the sensor; empty: it is not known."""
+    return (
+        "" if math.isnan(c.noise) else f"{float(f'{c.explained / c.noise:.2g}'):g} times the noise"
+    )
+
+
+def _name(n: Named) -> str:
+    return f"{n.cause} outside its tolerance" if n.parameter else n.cause
+
+
+def _listed(words: Sequence[str], last: str = "and") -> str:
+    return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
+
+
+# ---------------------------------------------------------------- what a user reads first
+
+
+def _statement(result: Result) -> str:
+    """What the model misses, what takes it away, what remains, and whether that matters."""
+    c = result.worst
+    tabulated, calibrated = (_part(c, v) for v in (c.tabulated, c.calibrated))
+    misses = f"The model misses {tabulated} of the motion of {c.name}"
+    if not math.isfinite(c.tabulated):
+        misses = f"The tabulated model fails. With fitted parameters, it misses {calibrated} of the"
+        misses += f" motion of {c.name}"
+    elif c.calibrated < 0.9 * c.tabulated:
+        misses += f", and {calibrated} with fitted parameters"
+    told = [f"{_name(n)} of {_interval(n)}" for n in result.named]
+    told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
+    told += ["what is not named"] if _unnamed(result) else []
+    takes = "takes" if len(told) == 1 else "take"
+    other = "other " if result.off else ""
+    found = {
+        Verdict.NO_GAP: ": there is no gap",
+        Verdict.CALIBRATED: f". No {other}cause is missing"
+        if result.complete
+        else f". No {other}cause was found before the search ended",
+        Verdict.UNKNOWN: _unexplained(result),
+    }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
+    return f"{_off(result)}{misses}{found}. {_remains(result)}"
+
+
+def _unexplained(result: Result) -> str:
+    """Why nothing is named although something is missing."""
+    untried = _untried(result)
+    tried = any(s.causes for s in result.sets) or len(result.not_tried) < result.causes
+    if untried and not tried:
+        return f". It is not judged why: {untried}"
+    if result.refused:
+        it = "it has" if len(result.refused) == 1 else "they have"
+        return (
+            f". What would explain most of it is refused ({_listed(result.refused)}): {it} another "
+            "magnitude in each record"
+        )
+    if not tried:
+        return ". No cause was tried"
+    return f". No cause that was tried explains it{f'; {untried}' if untried else ''}"
+
+
+def _untried(result: Result) -> str:
+    """How many causes were not tried because the search ended; empty: it is complete, or none."""
+    if result.complete or not result.not_tried:
+        return ""
+    count = len(result.not_tried)
+    verb = "was" if count == 1 else "were"
+    need = f", about {_seconds(result)} are needed" if math.isfinite(result.needed) else ""
+    return f"{count} of {max(result.causes, count)} causes {verb} not tried{need}"
+
+
+def _seconds(result: Result) -> str:
+    return f"{float(f'{result.needed:.2g}'):g} s"
+
+
+def _off(result: Result) -> str:
+    """The parameters that are an answer."""
+    told = []
+    for p in result.off[:PARAMETERS]:
+        change = p.value - p.tabulated
+        size = _size(100.0 * abs(change), "%") if p.relative else _size(abs(change), p.unit)
+        sign = "+" if change > 0.0 else "-"
+        title = f"The{p.title[3:]}" if p.title[:4].lower() == "the " else f"The parameter {p.title}"
+        told.append(f"{title} is off by {sign}{size}, {_tolerances(p)}. ")
+    return "".join(told)
+
+
+def _remains(result: Result) -> str:
+    material = [c for c in result.channels if c.material]
+    if not material:
+        c = result.worst
+        if c.explained <= NOISE * c.noise:
+            return "Nothing but the noise of the sensor remains."
+        return f"The rest, {_times(c) or _part(c, c.explained)}, does not matter."
+    c = max(material, key=lambda c: c.explained / c.limit)
+    more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
+    enough = _part(c, c.limit)
+    return (
+        f"The rest matters: {_part(c, c.explained)} of {c.name}{more}"
+        f"{', ' * bool(_times(c))}{_times(c)}; {enough} would be good enough."
+    )
+
+
+def _unnamed(result: Result) -> list[str]:
+    """Causes that are a part of the fit, but are not told."""
+    told = {n.cause for g in (result.named, *result.classes) for n in g}
+    return [name for name in result.told if name not in told]
+
+
+def _missing(result: Result) -> _Section:
+    which = f" ({_listed(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
+    which = f" ({_listed(result.refused)})" if result.refused else which
+    lines = [TOLD[r].format(which=which) for r in result.reasons if r in TOLD]
+    items = []
+    for n in result.named:
+        item = f"{_name(n)} [{n.component}]: {_interval(n)}"
+        if len(n.by_record) > 1:
+            factor, _ = _scale(n)
+            each = [_number(factor * v, 0.5 * factor * (n.high - n.low)) for v in n.by_record]
+            item += f"; in each record {', '.join(each)}"
+        numbers = n.shape if isinstance(n.shape, tuple) else (n.shape,)
+        for name, value in zip(n.shape_names, numbers, strict=False):
+            item += f"; {name} {value if isinstance(value, str) else f'{value:.3g}'}"
+        items.append(item + (f". {n.mechanism}" if n.mechanism else ""))
+    for group in result.classes:
+        members = [f"{_name(n)} [{n.component}] of {_interval(n)}" for n in group]
+        items.append(f"One of these, which the records do not tell apart: {_listed(members, 'or')}")
+    if result.verdict is Verdict.UNKNOWN and (best := _probabilities(result)[:2]):
+        tested = _listed([f"{name} ({_percent(p)})" for name, p in best])
+        lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
+    return _Section("What is missing", lines, items)
+
+
+def _probabilities(result: Result, least: float = 0.01) -> list[tuple[str, float]]:
+    """Probability of each cause over all sets, largest first, if it is not below ``least``."""
+    found: dict[str, float] = {}
+    for s in result.sets:
+        for name in s.causes:
+            found[name] = found.get(name, 0.0) + s.probability
+    return sorted(((k, v) for k, v in found.items() if v >= least), key=lambda f: -f[1])
+
+
+def _moved(result: Result) -> list[ParameterValue]:
+    """Parameters whose interval excludes the tabulated value, the surest first."""
+    moved = (p for p in result.parameters if p.moved)
+    return sorted(moved, key=lambda p: -abs(p.value - p.tabulated) / (p.high - p.low or 1e-300))
+
+
+def _calibration(result: Result) -> _Section:
+    moved, items = _moved(result), []
+    for p in moved[:PARAMETERS]:
+        ratio = f", a change of {_tolerances(p)}" if p.tolerances >= 0.01 else ""
+        items.append(f"{p.title}: {_interval(p)}; tabulated {_tabulated(p)}{ratio}")
+    if len(moved) > PARAMETERS:
+        items.append(f"{len(moved) - PARAMETERS} more parameters are in the details")
+    lines = [] if items or not result.parameters else ["No parameter left its tabulated value."]
+    return _Section("Calibration", lines, items)
+
+
+def _held_out(result: Result) -> _Section:
+    if result.held_out_gain is None:
+        return _Section("Held-out records")
+    value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
+    what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
+    line = f"Where nothing was fitted, the residual {what} with the causes"
+    return _Section("Held-out records", [f"{line} ({high} to {low} %)."])
+
+
+def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
+    """The part of a record with the largest residual that matters, and its place as words."""
+    limits = {c.name: c.limit for c in result.channels}
+    ratios = [getattr(c, attribute) / limits[c.channel] for c in result.cells]
+    if not max(ratios, default=0.0) > 1.0:
+        return None
+    cell = result.cells[int(np.argmax(ratios))]
+    since = f", after {cell.since}" if cell.since else ""
+    span = f"{_size(cell.start, '1')} to {_size(cell.end, '1')} s"
+    return cell, f"{cell.channel} of {cell.record}, {span}{since}"
+
+
+def _where(result: Result) -> _Section:
+    lines, told = [], bool(result.named or result.classes)
+    units = {c.name: c.unit for c in result.channels}
+    worst = None if result.verdict is Verdict.NO_GAP else _worst_cell(result, "calibrated")
+    if worst is not None:
+        cell, words = worst
+        unit = units[cell.channel]
+        rms = _size(cell.calibrated, unit)
+        after = f", {_size(cell.explained, unit)} with the causes" if told else ""
+        before = "Without the causes, the" if told else "The"
+        lines.append(f"{before} residual is largest in {words}: {rms} rms{after}.")
+    late = [e for e in result.events if abs(e.delay) > LATE * e.delay_sd]
+    if late and result.verdict is not Verdict.NO_GAP:
+        e = max(late, key=lambda e: abs(e.delay) / e.delay_sd)
+        after = f" ({_size(abs(e.delay_explained), 's')} with the causes)" if told else ""
+        lines.append(
+            f"At the event {e.event} of {e.record}, {e.channel} comes {_size(abs(e.delay), 's')} "
+            f"{'later' if e.delay > 0.0 else 'earlier'} than in the model{after}."
+        )
+    lines += [_place(result, p) for p in _useful(result)[:2]]
+    return _Section("Where", lines or ["No part of a record differs by more than what matters."])
+
+
+def _left(result: Result, place: Place) -> tuple[float, float]:
+    """Largest share of the motion that remains, without and with an action at a place."""
+    shares = [c.share(v) for c, v in zip(result.channels, place.left, strict=True)]
+    now = [c.share(c.explained) for c in result.channels]
+    return np.fmax.reduce(now, initial=0.0), np.fmax.reduce(shares, initial=0.0)
+
+
+def _useful(result: Result) -> list[Place]:
+    """Places that take away a good part of what remains."""
+    sizes = [(p, *_left(result, p)) for p in result.places]
+    return [p for p, now, left in sizes if left < USEFUL * now]
+
+
+def _place(result: Result, place: Place) -> str:
+    what = "An unknown action" if place.port else "Unlisted changes from record to record"
+    now, left = _left(result, place)
+    like = [f"; it would resemble the {law} ({_percent(v)} of it)" for law, v in place.resembles]
+    return (
+        f"{what} at {place.name} would take what remains in the worst channel from {_percent(now)} "
+        f"to {_percent(left)}{''.join(like[:1])}."
+    )
+
+
+def _next(result: Result) -> list[str]:
+    """Actions, the most useful first."""
+    first = ["Check units, signs and columns: a constant would be nearer to the records."]
+    steps = first if result.worst.calibrated > result.worst.motion > 0.0 else []
+    steps += [
+        f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
+        for n in result.named
+    ]
+    steps += [
+        f"{p.title}: check it, and correct the machine or its tabulated value." for p in result.off
+    ]
+    for group, record in zip(result.classes, result.apart, strict=False):
+        names = f"{_name(group[0])} from {_name(group[1])}"
+        steps += [f"To tell {names}, measure {n.cause} by itself." for n in group if n.parameter]
+        steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
+        steps += [f"{_name(n)}: {n.remedy}" for n in group if n.remedy]
+    if Reason.NOT_COMPLETE in result.reasons:
+        more = f"{_seconds(result)}" if math.isfinite(result.needed) else "more seconds"
+        why = _untried(result).partition(",")[0] or "the search did not reach its end"
+        steps.append(f"Diagnose again with {more}: {why}.")
+    if any(c.material for c in result.channels):
+        worst = _worst_cell(result, "explained")
+        if useful := _useful(result):
+            p = useful[0]
+            law = f" that resembles the {p.resembles[0][0]}" if p.resembles else ""
+            steps.append(f"Inspect {p.name}, and add an effect there{law} to the list.")
+        elif worst is not None:
+            steps.append(f"Look at {worst[1]}: what remains is largest there.")
+    steps += [
+        f"Measure {a} by itself: the records hardly separate it from {b}."
+        for a, b in _together(result)
+    ]
+    if Reason.NOISE_NOT_STATED in result.reasons:
+        steps.append("Record the machine at rest, and state the noise of the sensors.")
+    if not steps:
+        steps += [
+            f"{p.title}: {_interval(p)}, tabulated {_tabulated(p)}: correct the tabulated value, "
+            "or the machine."
+            for p in _moved(result)
+        ]
+    if not steps:
+        steps.append("None: the model can be used for motions like the recorded ones.")
+    return list(dict.fromkeys(steps))[:STEPS]
+
+
+def _together(result: Result) -> Iterator[tuple[str, str]]:
+    """Moved parameters, each with an unknown from which the records hardly separate it."""
+    moved = {p.name for p in _moved(result)}
+    high = np.argwhere(np.abs(np.triu(result.correlation, 1)) > TOGETHER)
+    for i, j in sorted(high, key=lambda k: -abs(result.correlation[tuple(k)])):
+        a, b = result.unknowns[i], result.unknowns[j]
+        if {a, b} & moved:
+            yield (a, b) if a in moved else (b, a)
+
+
+# ---------------------------------------------------------------- details
+
+
+def _details(result: Result) -> Iterator[_Section]:
+    rows: list[list[str]] = []
+    for c in result.channels:
+        factor, unit = readable_unit(c.motion, c.unit)
+        values = (c.noise, c.tabulated, c.calibrated, c.explained, c.held_out_calibrated,
+                  c.held_out_explained)  # fmt: skip
+        numbers = [f"{factor * v:.3g}" if math.isfinite(v) else "-" for v in values]
+        rows.append([f"{c.name} [{unit}]", *numbers, _percent(c.share(c.explained))])
+    head = ("rms residual", "noise", "tabulated", "calibrated", "explained", "held out, before",
+            "held out, after", "of motion")  # fmt: skip
+    yield _Section("Residuals", head=head, rows=rows)
+    k = result.channels.index(result.worst)
+    rows = [
+        [_listed(s.causes) or "nothing", f"{s.probability:.3f}",
+         _percent(result.worst.share(s.residual[k]))]
+        for s in result.sets[:ROWS]
+    ]  # fmt: skip
+    yield _Section("Sets", head=("set", "probability", f"left of {result.worst.name}"), rows=rows)
+    rows = [[name, f"{p:.3f}"] for name, p in _probabilities(result)[:ROWS]]
+    yield _Section("Causes", head=("cause", "probability"), rows=rows)
+    rows = [[p.name, _tabulated(p), _interval(p)] for p in result.parameters]
+    yield _Section("Parameters", head=("parameter", "tabulated", "fitted, 95 %"), rows=rows)
+    notes = list(result.notes)
+    if result.not_tried:
+        more = len(result.not_tried) - ROWS
+        notes.append(
+            f"Not fitted{', because the first-order gain is small' * result.complete}: "
+            f"{', '.join(result.not_tried[:ROWS])}{f' and {more} more' if more > 0 else ''}."
+        )
+    yield _Section("Notes", items=notes)
+
+
+# ---------------------------------------------------------------- the report
+
+
+def render_page(template: str, **values: object) -> str:
+    """A page from a template of this folder; all texts are escaped, but not ``Markup``."""
+    import jinja2
+
+    text = (resources.files("unmodeled.report") / template).read_text(encoding="utf-8")
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
+    return environment.from_string(text).render(**values)
+
+
+class Report(Result):
+    """Result of :func:`unmodeled.diagnose`, with its texts, table and figures."""
+
+    model: Explained | None = None
+    """The model with the fitted parameters and the named effects; None: it is not known."""
+
+    @classmethod
+    @checked
+    def of(cls, result: Result) -> Report:
+        """The report of a result.
+
+        Parameters
+        ----------
+        result
+            Result of a diagnosis.
+        """
+        return cls(**{f.name: getattr(result, f.name) for f in fields(result)})
+
+    def __str__(self) -> str:
+        return self.text()
+
+    def __repr__(self) -> str:
+        return f"Report({self.verdict.name}: {self.summary()})"
+
+    def _repr_html_(self) -> str:
+        table = self.frame.to_html(float_format=lambda v: f"{v:.4g}", na_rep="")
+        steps = "".join(f"<li>{escape(s)}</li>" for s in _next(self))
+        lead = f"<b>{VERDICTS[self.verdict]}.</b> {escape(self.summary())}"
+        return f"<p>{lead}</p>{table}<ul>{steps}</ul>"
+
+    def summary(self) -> str:
+        """What the model misses, what takes it away, what remains, and whether that matters."""
+        return _statement(self)
+
+    def _first(self) -> list[_Section]:
+        parts = [_missing(self), _calibration(self), _held_out(self), _where(self)]
+        return [s for s in (*parts, _Section("Next", items=_next(self))) if s.lines or s.items]
+
+    @checked
+    def text(self, width: int = 100) -> str:
+        """The whole report as plain text.
+
+        Parameters
+        ----------
+        width
+            Largest number of characters of a line.
+        """
+        from unmodeled.tables import Screen, folded_text, new_table
+
+        file = io.StringIO()
+        screen = Screen(file=file, width=width, highlight=False, markup=False, emoji=False)
+        screen.print(f"{VERDICTS[self.verdict]}. {self.summary()}")
+        first = self._first()
+        for s in (*first, *(s for s in _details(self) if s.rows or s.items)):
+            screen.print(f"\n{s.title}{'' if s in first else ' (details)'}")
+            for line in s.lines:
+                screen.print(line)
+            for item in s.items:
+                screen.print("- " + folded_text(item, width - 2).replace("\n", "\n  "))
+            if s.rows:
+                table = new_table("", *s.head, right=tuple(range(1, len(s.head))), whole=(0,))
+                for row in s.rows:
+                    table.add_row(*row)
+                screen.print(table)
+        lines = [line.rstrip() for line in file.getvalue().splitlines()]
+        double = zip(lines, ["-", *lines], strict=False)
+        return "\n".join(line for line, before in double if line or before).rstrip()
+
+    @checked
+    def html(self, title: str = "Diagnosis") -> str:
+        """The report as one page that loads nothing; all texts are escaped.
+
+        Parameters
+        ----------
+        title
+            Title of the page, for example the name of the model.
+        """
+        from markupsafe import Markup
+
+        return render_page(
+            "report.html",
+            title=title,
+            result=self,
+            verdict=VERDICTS[self.verdict],
+            first=self._first(),
+            details=[s for s in _details(self) if s.rows or s.items],
+            figures={
+                "": Markup(svg(waterfall(self), "waterfall of the gap")),
+                "Where": Markup(svg(residuals(self), "residuals of the records")),
+                "Parameters": Markup(svg(correlation(self), "correlation of the unknowns")),
+            },
+        )
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """One row for each effect that was fitted, those that are told first, and each parameter.
+
+        The kind is "named", "class 1" (one of its members is missing), "tested" or "parameter".
+        """
+        import pandas as pd
+
+        told = [("named", n) for n in self.named]
+        told += [(f"class {k + 1}", n) for k, g in enumerate(self.classes) for n in g]
+        rows = [asdict(n) | {"name": n.cause, "kind": k, "value": n.magnitude} for k, n in told]
+        known = {row["name"] for row in rows}
+        rows += [
+            {"name": name, "kind": "tested", "probability": probability}
+            for name, probability in _probabilities(self, least=0.0)
+            if name not in known
+        ]
+        rows += [asdict(p) | {"kind": "parameter"} for p in self.parameters]
+        columns = ["name", "kind", "component", "unit", "value", "low", "high", "probability",
+                   "tabulated", "sd"]  # fmt: skip
+        return pd.DataFrame(rows, columns=columns).set_index("name")
+
+    @checked
+    def plot(self, kind: Literal["waterfall", "residual", "correlation"] = "waterfall") -> Figure:
+        """Figure of the result.
+
+        Parameters
+        ----------
+        kind
+            ``"waterfall"``: the gap of the tabulated model, of the calibrated one, with each cause,
+            and the noise; ``"residual"``: what remains over time; ``"correlation"``: correlation of
+            the fitted parameters and magnitudes.
+        """
+        figures = {"waterfall": waterfall, "residual": residuals, "correlation": correlation}
+        return figures[kind](self)
+
+    @checked
+    def write(self, folder: str | Path, *, title: str = "Diagnosis", force: bool = False) -> Path:
+        """Write report.txt, report.html and report.json; returns the path of the page.
+
+        Parameters
+        ----------
+        folder
+            Folder; it is made if it does not exist.
+        title
+            Title of the page.
+        force
+            False: existing files are not overwritten.
+        """
+        at = make_folder(folder)
+        write_text(at / "report.json", self.to_json(), force=force)
+        write_text(at / "report.txt", self.text() + "\n", force=force)
+        return write_text(at / "report.html", self.html(title), force=force)
+
+
+# ------------------------------------------------------------------- the model with what was found
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """A model with fitted parameters and named effects."""
+
+    original: Model
+    theta: Array
+    """Values of its parameters [their units]."""
+    included: tuple[Candidate, ...]
+    magnitudes: Array
+    """Magnitudes of the included effects [their units]."""
+    provenance: str
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """Value of each parameter by name."""
+        return {p.name: float(v) for p, v in zip(self.original.parameters, self.theta, strict=True)}
+
+    @property
+    def effects(self) -> dict[str, float]:
+        """Magnitude of each effect by name."""
+        return {t.name: float(v) for t, v in zip(self.included, self.magnitudes, strict=True)}
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Effects that are no numbers of the model, such as those of sensors."""
+        return tuple(self.original.numbers(self.theta, self.included, self.magnitudes)[1])
+
+    @checked
+    def simulate(self, record: Record) -> dict[str, Array]:
+        """Simulate a whole record; returns the outputs by name.
+
+        A start state that is not known is the one that fits the beginning of the record best.
+
+        Parameters
+        ----------
+        record
+            Record whose inputs drive the model.
+        """
+        (record,) = self.original.matched((record,)).records
+        return simulated(self.original, record, self.theta, self.included, self.magnitudes)
+
+    @checked
+    def write(self, path: str | Path, *, force: bool = False) -> Path:
+        """Write the model to a file: a mechanism, an MJCF file, or its numbers (TOML).
+
+        Parameters
+        ----------
+        path
+            File to be written.
+        force
+            False: an existing file is not overwritten.
+
+        Raises
+        ------
+        InvalidParameter
+            The file has another ending, or its format cannot represent an effect.
+        """
+        return self.original.write(
+            Path(path),
+            self.theta,
+            self.included,
+            self.magnitudes,
+            provenance=self.provenance,
+            force=force,
+        )
+
+
+@checked
+def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> Explained:
+    """The model with the fitted parameters and the named effects of its diagnosis.
+
+    Parameters
+    ----------
+    model
+        The model that was diagnosed.
+    effects
+        The effects that were tested.
+    result
+        Report of the diagnosis.
+    """
+    fitted = {p.name: p.value for p in result.parameters}
+    by_name = {e.name: e for e in effects}
+    named = [
+        n
+        for n in result.named
+        if n.cause in by_name and same_number(model, by_name[n.cause]) is None
+    ]
+    return Explained(
+        model,
+        np.array([fitted.get(p.name, p.value) for p in model.parameters]),
+        tuple(Candidate(by_name[n.cause], n.shape) for n in named),
+        np.array([n.magnitude for n in named]),
+        f"unmodeled diagnose of {', '.join(result.records)}",
+    )

@@ -1,0 +1,1 @@
+"""The engine of the diagnosis: fit, score, search, held-out records, verdict."""

@@ -1,0 +1,763 @@
+"""Compares a model with records before any fit: size of the difference, factor, delay, hints."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array, Record, join_records
+from unmodeled.data.joining import align_clocks
+from unmodeled.data.wrapping import wrap_of
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.fit.model import Candidate, Model, Ready, SensitivityRequest, start_in
+from unmodeled.fit.noise import rms_of_measured
+from unmodeled.fit.observe import observe
+from unmodeled.lazy import lazy_import
+from unmodeled.search.problem import Observed
+from unmodeled.search.records import noise_of_channel, ready_records, wrap_text
+from unmodeled.search.result import Compared, Hint
+from unmodeled.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Comparison",
+    "check",
+    "compared",
+    "hints",
+    "join_by_motion",
+    "refuse",
+    "row_of",
+    "simulated",
+]
+
+#: Largest number of alignments of clocks; smallest standard deviation of their offset [s].
+ROUNDS, CLOCK_SD = 4, 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Records and the tabulated model, simulated with the inputs of the records."""
+
+    model: str
+    rows: tuple[Compared, ...]
+    hints: tuple[Hint, ...]
+    records: tuple[Record, ...]
+    """Records in the coordinates of the model."""
+    simulated: Mapping[str, Mapping[str, Array]]
+    """Outputs of the model by record and channel, at the times of the record."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """One row for each channel of each record."""
+        import pandas as pd
+
+        rows = [asdict(r) | {"share": r.share, "in_noise": r.in_noise} for r in self.rows]
+        return pd.DataFrame(rows)
+
+    @checked
+    def plot(self) -> Figure:
+        """Record and model over time, and their difference; one row of panels per channel."""
+        shown = [
+            (r, next(x for x in self.records if x.name == r.record), self.simulated[r.record])
+            for r in self.rows
+            if r.samples
+        ]
+        draw: Callable[..., Figure] = lazy_import("unmodeled.report.figures:comparison")
+        return draw(
+            f"{self.model}: before anything is fitted",
+            [(r.channel, r.unit, x, y[r.channel], r.noise) for r, x, y in shown],
+        )
+
+
+@checked
+def check(model: Model, records: Sequence[Record] | Record) -> Comparison:
+    """Simulate the inputs of records with the tabulated parameters, and compare the outputs.
+
+    No parameter is fitted. A start state that is not known is the one that fits the beginning of
+    the record best.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    records
+        Measured runs; at least one.
+
+    Raises
+    ------
+    DataError
+        The records cannot be used with this model.
+    InvalidParameter
+        The model gives no finite outputs.
+    """
+    return _finite(model, compared(ready_records(model, records)))
+
+
+def _finite(model: Model, found: Comparison) -> Comparison:
+    """A comparison with a model that gives numbers."""
+    values = [y[1:] for run in found.simulated.values() for y in run.values()]
+    if not found.hints and not any(np.isfinite(y).any() for y in values):
+        raise InvalidParameter(
+            f"model {model.name}: it gives no finite outputs with the tabulated parameters; are "
+            "its rates per second?"
+        )
+    return found
+
+
+@checked
+def join_by_motion(
+    first: Record,
+    second: Record,
+    model: Model | None = None,
+    *,
+    inputs: Mapping[str, str] | None = None,
+) -> Record:
+    """Join two records with two clocks: by the begin of the motion, and then by that of a model.
+
+    Parameters
+    ----------
+    first, second, inputs
+        As in :func:`unmodeled.data.join_records`.
+    model
+        Model whose motion under the force is correlated with ``first``.
+    """
+    clocks, sd = align_clocks(first, second)
+    offset, told, ready = clocks.offset, "", None
+    late: dict[str, float] = {}
+    for _ in range(ROUNDS):
+        if model is None:
+            break
+        made = join_records(first, second, same=[(0.0, offset)], inputs=inputs)
+        ready = ready_records(model, [made])
+        rows = _finite(model, compared(ready)).rows
+        delays = {r.channel: r.delay for r in rows if np.isfinite(r.delay)}
+        if not delays:
+            break
+        late = delays
+        middle = sum(delays.values()) / len(delays)
+        offset -= middle
+        spread = max(delays.values()) - min(delays.values())
+        sd = max(spread, CLOCK_SD, first.interval, second.interval)
+        if abs(middle) < 0.1 * sd:
+            break
+    if ready is not None and late:
+        own, told = _own_delay(ready, list(late))
+        sd = max(sd, own)
+    joined = join_records(first, second, same=[(0.0, offset)], inputs=inputs, same_sd=sd)
+    return replace(joined, notes=(*joined.notes, told)) if told else joined
+
+
+def _own_delay(ready: Ready, channels: Sequence[str]) -> tuple[float, str]:
+    """Delay that the tolerances of a model make, to first order: one sd [s], and a note.
+
+    A machine within its tolerances is late or early by itself, and this is taken for a part of the
+    offset of the clocks.
+    """
+    model, record = ready.model, ready.records[0]
+    free = [i for i, p in enumerate(model.parameters) if 0.0 < p.sd < math.inf]
+    starts = np.array([start_in(s, record)[0] for s in model.states()])
+    theta = np.array([p.value for p in model.parameters])
+    ask = SensitivityRequest(record, theta, starts, by_theta=free, by_starts=False, rough=True)
+    with np.errstate(all="ignore"):
+        (found,) = model.sensitivities([ask])
+    parts = []
+    for name in channels:
+        c = model.outputs.index(name)
+        good = np.isfinite(record.outputs[name]) & np.isfinite(found.outputs[:, c])
+        slope = np.gradient(found.outputs[:, c], record.time)[good]
+        parts.append(-(slope @ found.d_theta[good, c]) / max(float(slope @ slope), 1e-300))
+    late = np.nan_to_num(np.mean(parts, axis=0)) * [model.parameters[i].sd for i in free]
+    sd = float(np.sqrt(late @ late))
+    if not sd > 0.0:
+        return 0.0, ""
+    most = model.parameters[free[int(np.argmax(np.abs(late)))]].name
+    return sd, (
+        f"a machine within the tolerances of the model is late or early by {1e3 * sd:.2g} ms (most "
+        f"by {most}), which cannot be told from the clocks; a fault beyond them adds to it"
+    )
+
+
+def compared(ready: Ready) -> Comparison:
+    """Compare a prepared model with its records; see :func:`check`.
+
+    Parameters
+    ----------
+    ready
+        Model and records, from :func:`~unmodeled.search.records.ready_records`.
+    """
+    model = ready.model
+    runs = [(r, simulated(model, r)) for r in ready.records]
+    rows = tuple(
+        row_of(r, name, y[name]) for r, y in runs for name in r.outputs if name in model.outputs
+    )
+    notes = [*ready.notes, *_not_finite(runs)]
+    return Comparison(
+        model.name, rows, hints(model, runs, rows), ready.records, {r.name: y for r, y in runs},
+        tuple(notes),
+    )  # fmt: skip
+
+
+def refuse(found: Comparison) -> None:
+    """Refuse records with a certain error.
+
+    Parameters
+    ----------
+    found
+        Comparison of the model with the records.
+
+    Raises
+    ------
+    DataError
+        A unit, sign, clock, or the order of columns is certainly wrong.
+    """
+    sure = [h for h in found.hints if h.sure]
+    texts = "; ".join(h.text for h in sure)
+    if sure and all(h.kind == "wrap" for h in sure):
+        raise DataError(f"records: {texts}")
+    if sure:
+        raise DataError(
+            f"records: {texts}. State it (--unit CHANNEL=UNIT, --column CHANNEL=COLUMN; "
+            "in the TOML file unit, column, gain), or give parameters of the model their true "
+            "tolerances"
+        )
+
+
+def _not_finite(runs: Runs) -> Iterator[str]:
+    for record, outputs in runs:
+        for name in [n for n in record.outputs if n in outputs]:
+            if (v := ~np.isfinite(outputs[name])).any():
+                yield (
+                    f"{record.name}: the model gives no numbers for {name} at {v.sum()} of "
+                    f"{v.size} samples, from {record.time[np.argmax(v)]:.4g} s on"
+                )
+
+
+# ----------------------------------------------------------------------- a model beside one record
+
+
+#: Longest delay that is tried, as a share of the record; share of the squared difference that a
+#: delay must take away [1].
+LONGEST, MOST = 0.25, 0.5
+NO_DELAY = math.nan, math.nan
+
+#: Share of the record to which an unknown start is fitted; standard deviation, in scales of the
+#: state, from which it is unknown [1].
+BEGINNING, UNKNOWN = 0.2, 0.3
+
+
+def simulated(
+    model: Model,
+    record: Record,
+    theta: Array | None = None,
+    included: tuple[Candidate, ...] = (),
+    magnitudes: Array | None = None,
+) -> dict[str, Array]:
+    """Outputs of the model at the times of a record, by name.
+
+    A start state that is not known is the one that fits the beginning of the record best.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    record
+        Measured run.
+    theta
+        Values of the parameters; None: the tabulated ones.
+    included
+        Effects that act.
+    magnitudes
+        Their magnitudes [their units].
+    """
+    theta = np.array([p.value for p in model.parameters]) if theta is None else theta
+    states = model.states(included)
+    known = [start_in(s, record) for s in states]
+    start = np.array([mean for mean, _ in known])
+    free = [i for i, s in enumerate(states) if known[i][1] > UNKNOWN * s.scale]
+
+    def run(part: Record, x: Array) -> Array:
+        with np.errstate(all="ignore"):
+            return np.asarray(observe(model, part, theta, x, included, magnitudes))[: part.samples]
+
+    measured, values = record.output_array(model.outputs), run(record, start)
+    if free:
+        scale = {i: states[i].scale for i in free}
+        other = run(record, _fitted_start(run, record, measured, start, scale))
+        # A start that hides a wrong unit does not follow the rest of the record.
+        if np.isfinite(other).all() and _unlike(measured, other) <= 2.0 * _unlike(measured, values):
+            values = other
+    return {name: values[:, i] for i, name in enumerate(model.outputs)}
+
+
+def _fitted_start(
+    run: Callable[[Record, Array], Array],
+    record: Record,
+    measured: Array,
+    start: Array,
+    free: Mapping[int, float],
+) -> Array:
+    """Start states that fit the beginning of a record best, or the given ones.
+
+    ``free``: scale of each state that is not known, by its index.
+    """
+    from scipy.optimize import least_squares
+
+    part = Observed(record, measured, np.isfinite(measured), measured).first(BEGINNING)
+    valid, scale = part.valid, np.array([*free.values()])
+    if not valid.any():
+        return start
+    size = np.array([np.std(y[np.isfinite(y)]) or 1.0 if np.isfinite(y).any() else 1.0
+                     for y in measured.T])  # fmt: skip
+
+    def at(x: Array) -> Array:
+        new = start.copy()
+        new[[*free]] += scale * x
+        return new
+
+    def residual(x: Array) -> Array:
+        gap = ((run(part.record, at(x)) - part.measured) / size)[valid]
+        return np.asarray(np.nan_to_num(gap, nan=1e6).clip(-1e6, 1e6))
+
+    with np.errstate(all="ignore"):
+        found = least_squares(residual, np.zeros(len(free)), diff_step=1e-5, max_nfev=20)
+        return at(found.x) if np.abs(residual(found.x)).max() < 1e6 else start
+
+
+def _pair(x: Array, y: Array) -> tuple[Array, Array]:
+    """Values about their means where both are numbers."""
+    both = np.isfinite(x) & np.isfinite(y)
+    x, y = x[both], y[both]
+    return (x - x.mean(), y - y.mean()) if x.size > 2 else (np.zeros(0), np.zeros(0))
+
+
+def _unlike(measured: Array, outputs: Array) -> float:
+    """Mean over the channels of the share that no factor of the model explains [1]."""
+    shares = []
+    for a, b in zip(measured.T, outputs.T, strict=True):
+        x, y = _pair(a, b)
+        with np.errstate(all="ignore"):
+            product = float(x @ x) * float(y @ y)
+            shares.append(1.0 - float(x @ y) ** 2 / product if 0.0 < product < 1e300 else 1.0)
+    return float(np.mean(shares))
+
+
+def row_of(record: Record, name: str, model: Array) -> Compared:
+    """Numbers of one channel of a record beside the outputs of the model.
+
+    Parameters
+    ----------
+    record
+        Measured run.
+    name
+        Name of the channel.
+    model
+        Its values in the model at the times of the record.
+    """
+    measured, sensor = record.outputs[name], record.sensors[name]
+    noise = noise_of_channel(record, name).sd_of_measured(record.time, measured)
+    sigma = float(rms_of_measured(noise, measured))
+    with np.errstate(over="ignore", invalid="ignore"):
+        gap = measured - model
+        both = np.isfinite(gap)
+        rms = float(np.sqrt(np.mean(gap[both] ** 2))) if both.any() else math.nan
+        x, y = _pair(measured, model)
+        xy, xx, yy = float(x @ y), float(x @ x), float(y @ y)
+    moves = xx > 0.0 and math.isfinite(yy) and yy > 0.0
+    factor = xy / yy if moves else math.nan
+    return Compared(
+        record.name,
+        name,
+        sensor.unit,
+        int(both.sum()),
+        float(np.sqrt(xx / x.size)) if x.size else 0.0,
+        sigma,
+        sensor.sigma is not None,
+        rms,
+        factor,
+        float(np.mean(measured[both]) - factor * np.mean(model[both])) if moves else math.nan,
+        xy / math.sqrt(xx * yy) if moves else math.nan,
+        *(_delay(record.time, measured, model) if moves and rms > sigma else NO_DELAY),
+    )
+
+
+def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
+    """Delay with which the model explains most [s], and the share of the difference that remains.
+
+    NaN if the delay explains less than half of the squared difference.
+    """
+    both = np.isfinite(measured) & np.isfinite(model)
+    count = int(min(time.size, 4096))
+    if both.sum() < 8:
+        return NO_DELAY
+    clock = np.linspace(time[0], time[-1], count)
+    x = np.interp(clock, time[both], measured[both])
+    y = np.interp(clock, time[both], model[both])
+    most = int(LONGEST * count)
+    padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
+    # Sums of squares of all delays at once: x^2 - 2 x y + y^2.
+    # (scipy.signal takes a second to start.)
+    spectrum = np.fft.rfft(padded) * np.conj(np.fft.rfft(x, padded.size))
+    product = np.fft.irfft(spectrum, padded.size)[: 2 * most + 1]
+    squares = np.concatenate([[0.0], np.cumsum(padded**2)])
+    cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
+    best = int(np.argmin(cost))
+    if best in (0, 2 * most) or not cost[best] < (1.0 - MOST) * cost[most]:
+        return NO_DELAY
+    a, b, c = cost[best - 1 : best + 2]
+    bend = a - 2.0 * b + c
+    between = 0.5 * (a - c) / bend if bend > 0.0 else 0.0
+    left = (b - 0.125 * (a - c) ** 2 / bend if bend > 0.0 else b) / cost[most]
+    return float((most - best - between) * (clock[1] - clock[0])), max(0.0, float(left))
+
+
+# ------------------------------------------------------------------------------------------- hints
+
+
+#: Records, each with the outputs of the tabulated model.
+Runs = Sequence[tuple[Record, Mapping[str, Array]]]
+
+#: Correlation of record and model from which a factor is told, and is certain [1].
+ALIKE, SURE = 0.9, 0.99
+#: Largest distance of a factor from that of a unit, as a share of their logarithms [1].
+NEAR = 0.15
+#: Share of the squared difference that an explanation must take away; shares that another clock,
+#: input, or scale may leave to be told, and to be certain; smallest share of the variance for which
+#: these are tried [1].
+MOST, SOME, LEFT, TRIED = 0.5, 0.1, 0.04, 0.1
+#: Largest spread of the delays of all channels that are one delay [1].
+SAME = 0.3
+#: Prior standard deviation, as a share of the value, from which a parameter may have any size [1].
+ANY_SIZE = 0.5
+#: Units that are used with the prefix milli.
+_MILLI = ("m", "N", "s", "V", "A", "Pa", "rad")
+#: Factor of record over model, what would cause it, and the unit for which it holds ("": all).
+_FACTORS: tuple[tuple[float, str, str], ...] = (
+    *((1e3, f"m{unit} labeled as {unit}", unit) for unit in _MILLI),
+    *((1e-3, f"{unit} labeled as m{unit}", unit) for unit in _MILLI),
+    (1e3, "a thousand times too large", ""),
+    (1e-3, "a thousand times too small", ""),
+    (10.0, "mm labeled as cm", "m"),
+    (0.1, "cm labeled as mm", "m"),
+    (100.0, "cm labeled as m", "m"),
+    (0.01, "m labeled as cm", "m"),
+    (25.4, "mm labeled as inches", "m"),
+    (1.0 / 25.4, "inches labeled as mm", "m"),
+    (9.80665, "N labeled as kgf", "N"),
+    (1.0 / 9.80665, "kgf labeled as N", "N"),
+    (180.0 / math.pi, "degrees labeled as rad", "rad"),
+    (math.pi / 180.0, "rad labeled as degrees", "rad"),
+    (-1.0, "the other direction", ""),
+)
+#: Factors of a clock in a wrong unit.
+_CLOCKS = (
+    (60.0, "minutes labeled as s"),
+    (1.0 / 60.0, "s labeled as minutes, or rates of the model per minute"),
+    (1e-3, "ms labeled as s"),
+    (1e3, "s labeled as ms, or rates of the model per ms"),
+    (3600.0, "hours labeled as s"),
+    (1.0 / 3600.0, "s labeled as hours, or rates of the model per hour"),
+)
+
+
+def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
+    """Hints about the differences; a certain one rests on parameters with small tolerances.
+
+    Parameters
+    ----------
+    model
+        Model of the machine.
+    runs
+        Records, each with the outputs of the tabulated model.
+    rows
+        Channels of the records beside the model.
+    """
+    if wraps := [*_wraps(runs)]:
+        return tuple(wraps)
+    size = _size_of_tolerances(model)
+    found: list[Hint] = []
+    if math.isfinite(size):
+        found += _follows(model, runs, _clocks(model))
+        if not found:
+            units = [*_units(rows)]
+            known = {n for h in units for n in h.channels}  # as good an explanation as an exchange
+            found += [h for h in _exchanged(runs, rows) if not known >= {*h.channels}]
+            taken = {n for h in found for n in h.channels}
+            found += [h for h in units if not taken & {*h.channels}]
+        if not found:
+            found += _follows(model, runs, [*_inputs(model, runs), *_scales(rows)])
+    if size > ANY_SIZE:
+        found = [replace(h, sure=False) for h in found]
+    return tuple(found or _delays(rows))
+
+
+def _wraps(runs: Runs) -> Iterator[Hint]:
+    """Channels that wrap, where the model does not: no error of a sensor has their jumps."""
+    found: dict[tuple[str, str], list[str]] = {}
+    for record, outputs in runs:
+        for name in [n for n in record.outputs if n in outputs]:
+            unit = record.sensors[name].unit
+            text = wrap_text(name, record.outputs[name], unit)
+            if text and wrap_of(outputs[name], unit) is None:
+                found.setdefault((name, text), []).append(record.name)
+    for (name, text), where in found.items():
+        yield Hint("wrap", (name,), f"{name} of {', '.join(where)} {text}", sure=True)
+
+
+def _size_of_tolerances(model: Model) -> float:
+    """Largest tolerance of a parameter of the machine, as a share of its value [1]."""
+    own = [p for p in model.parameters if p.of_the_machine]
+    return max(
+        (p.sd / abs(p.value or 1.0) for p in own if p.value or math.isinf(p.sd)), default=0.0
+    )
+
+
+def _relations(unit: str) -> Iterator[tuple[float, float, str, bool]]:
+    """Zero and factor of each wrong label of a reading, its words, and whether it has this unit."""
+    yield from ((0.0, f, text, bool(own)) for f, text, own in _FACTORS if own in ("", unit))
+    unit = spelled_unit(unit) or unit
+    for true, label in TEMPERATURE_SCALES if unit in {u for u, _ in TEMPERATURE_SCALES} else ():
+        (zero, factor), (other, back) = zero_and_factor(unit, true), zero_and_factor(label, unit)
+        yield -(zero * factor + other) * back, factor * back, f"{true} labeled as {label}", True
+
+
+def _known_relation(row: Compared) -> tuple[float, float, str] | None:
+    """Zero, factor and words of the wrong unit, scale or sign that is near to those of a row."""
+    found = []
+    for zero, factor, text, own in _relations(row.unit):
+        ratio = row.factor / factor
+        far = min(row.motion, 0.5 * abs(zero) or math.inf)  # nearer to this zero than to none
+        if not (ratio > 0.0 and abs(row.correlation) > ALIKE and abs(row.offset - zero) <= far):
+            continue
+        off = abs(math.log(ratio)) / max(abs(math.log(abs(factor))), math.log(10.0))
+        if off < NEAR:
+            found.append((off, not own, zero, factor, text))
+    return min(found)[2:] if found else None
+
+
+def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
+    """Channels that have a wrong unit, scale or sign in all records, or in some of them."""
+    groups: dict[tuple[float, float, str, tuple[str, ...]], list[list[Compared]]] = {}
+    for name in dict.fromkeys(r.channel for r in rows):
+        own = [r for r in rows if r.channel == name and math.isfinite(r.correlation)]
+        if (found := _wrong_unit(own)) is not None:
+            zero, factor, text, wrong = found
+            where = () if len(wrong) == len(own) else tuple(r.record for r in wrong)
+            groups.setdefault((zero, factor, text, where), []).append(wrong)
+    for (zero, factor, text, where), channels in groups.items():
+        wrong = [r for g in channels for r in g]
+        names = tuple(g[0].channel for g in channels)
+        size = f"{float(np.median([r.factor for r in wrong])):.4g} times the model"
+        yield Hint(
+            "scale" if zero else "sign" if factor < 0.0 else "unit",
+            names,
+            f"{', '.join(names)} is {'on another scale' if zero else size} in "
+            f"{'record ' + ', '.join(where) if where else 'all records'}: {text}?"
+            f"{_reversed(wrong) if factor < 0.0 else ''}",
+            all(abs(r.correlation) > SURE for r in wrong),
+        )
+
+
+def _wrong_unit(rows: Sequence[Compared]) -> tuple[float, float, str, list[Compared]] | None:
+    """The one relation of the rows of a channel, and the rows that have it; others have 1."""
+    known = [_known_relation(r) for r in rows]
+    wrong = [r for r, k in zip(rows, known, strict=True) if k]
+    relations = {k for k in known if k}
+    right = [r for r, k in zip(rows, known, strict=True) if not k]
+    if len(relations) != 1 or not all(abs(r.factor - 1.0) < MOST for r in right):
+        return None
+    return *relations.pop(), wrong
+
+
+def _reversed(wrong: Sequence[Compared]) -> str:
+    """The option that reverses a channel of a camera; "" for other channels."""
+    names = [n for n, unit in dict.fromkeys((r.channel, r.unit) for r in wrong) if unit == "m"]
+    options = ",".join(f"{n}=-LENGTH" for n in names)
+    return f" (mirrored picture: --scale {options} with the length of a pixel)" if names else ""
+
+
+def _left(record: Record, outputs: Mapping[str, Array]) -> float:
+    """Mean over the channels of the variance of the difference over that of the record."""
+    shares = []
+    for name, measured in record.outputs.items():
+        if name in outputs:
+            variance = float(np.nanvar(measured)) if np.isfinite(measured).any() else 0.0
+            if variance > 0.0:
+                with np.errstate(all="ignore"):
+                    off = float(np.var((measured - outputs[name])[np.isfinite(measured)]))
+                shares.append(off / variance if math.isfinite(off) else math.inf)
+    return float(np.mean(shares)) if shares else 0.0
+
+
+def _follows(
+    model: Model,
+    runs: Runs,
+    others: Iterable[tuple[Hint, Callable[[Record], Record]]],
+) -> list[Hint]:
+    """The change of the records with which the model follows all of them far better, if any."""
+    runs = [(r, y) for r, y in runs if r.start is None or r.start.known]
+    now = [_left(*run) for run in runs]
+    if not runs or min(now) < TRIED:
+        return []
+    most = [min(SOME * v, MOST) for v in now]
+    best: list[Hint] = []
+    for hint, changed in others:
+        left: list[float] = []
+        for (record, _), limit in zip(runs, most, strict=True):
+            other = changed(record)
+            left.append(_left(record, simulated(model, other)))
+            if not left[-1] < limit:
+                break
+        else:
+            sure = all(a < LEFT * b for a, b in zip(left, now, strict=True))
+            best, most = [replace(hint, sure=sure)], left
+    return best
+
+
+def _clocks(model: Model) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
+    for factor, text in _CLOCKS:
+        if factor < 1.0 or model.states():  # without states, a long record may need very long
+            yield (
+                Hint("clock", ("time",), f"the model follows all records with a clock {factor:.4g} "
+                     f"times as long: is the unit of time another one ({text})?"),
+                partial(Record.stretched, factor=factor),
+            )  # fmt: skip
+
+
+def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
+    """An input in another unit or direction: outputs with a constant do not have its factor."""
+
+    def scaled(record: Record, name: str, factor: float) -> Record:
+        return record.with_changed_inputs(lambda whole: {name: factor * whole.inputs[name]})
+
+    # A mechanism, whose steps follow the motion, may need very long.
+    shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if model.states() else ()
+    for name, factor in itertools.product(sorted(shared), (1e3, 1e-3, -1.0)):
+        why = "is its unit another one than its label" if factor > 0.0 else "the other direction"
+        yield (
+            Hint("input", (name,), f"the model follows all records with {factor:g} times the "
+                 f"values of {name}: {why}?"),
+            partial(scaled, name=name, factor=factor),
+        )  # fmt: skip
+
+
+def _scales(rows: Sequence[Compared]) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
+    """Another scale of temperature, where a start that is not known hides its zero."""
+
+    def read(record: Record, names: Sequence[str], zero: float, factor: float) -> Record:
+        own = {n: (v - zero) / factor for n, v in record.outputs.items() if n in names}
+        return replace(record, outputs={**record.outputs, **own})
+
+    for unit in dict.fromkeys(r.unit for r in rows):
+        names = tuple(dict.fromkeys(r.channel for r in rows if r.unit == unit))
+        for zero, factor, text, _ in _relations(unit):
+            if zero:
+                yield (
+                    Hint("scale", names, f"the model follows all records with {', '.join(names)} "
+                         f"on another scale: {text}?"),
+                    partial(read, names=names, zero=zero, factor=factor),
+                )  # fmt: skip
+
+
+def _exchanged(runs: Runs, rows: Sequence[Compared]) -> list[Hint]:
+    """Channels that the model explains far better in another order, in all records."""
+    found: Counter[tuple[tuple[str, str], ...]] = Counter()
+    having: list[set[str]] = []
+    for record, outputs in runs:
+        own = [r for r in rows if r.record == record.name and r.samples > 2 and r.motion > 0.0]
+        having.append({r.channel for r in own})
+        for unit in dict.fromkeys(r.unit for r in own):
+            found.update(_better_orders(record, outputs, [r for r in own if r.unit == unit]))
+    hints = []
+    for key, count in found.items():
+        names = tuple(a for a, _ in key)
+        of = sum(set(names) <= h for h in having)
+        text = ", ".join(f"{a} looks like {b}" for a, b in key)
+        hints.append(Hint("exchange", names, f"{text}: are the columns exchanged?", count == of))
+    return hints
+
+
+def _better_orders(
+    record: Record, outputs: Mapping[str, Array], rows: Sequence[Compared]
+) -> Iterator[tuple[tuple[str, str], ...]]:
+    """Channels in one unit that other outputs of the model explain far better, and these."""
+    from scipy.optimize import linear_sum_assignment
+
+    cost = _left_by_pair(record, outputs, rows)
+    order = linear_sum_assignment(cost)[1].tolist()
+    for cycle in _cycles(order):
+        cycle = sorted(cycle, key=lambda k: rows[k].channel)
+        now, left = cost[cycle, cycle], cost[cycle, [order[k] for k in cycle]]
+        noise = np.array([(rows[k].noise / rows[k].motion) ** 2 for k in cycle])
+        far = now.sum() > MOST * len(cycle) or (
+            now.sum() > TRIED * len(cycle) and left.sum() < LEFT * now.sum()
+        )
+        if far and np.all(now > noise) and np.all(left < MOST * np.minimum(now, 1.0)):
+            yield tuple((rows[k].channel, rows[order[k]].channel) for k in cycle)
+
+
+def _left_by_pair(record: Record, outputs: Mapping[str, Array], rows: Sequence[Compared]) -> Array:
+    """Share of the motion of each channel that each output of the model leaves."""
+    cost = np.full((len(rows), len(rows)), 1e9)
+    for i, j in np.ndindex(cost.shape):
+        gap = record.outputs[rows[i].channel] - outputs[rows[j].channel]
+        if np.isfinite(gap).any():
+            with np.errstate(all="ignore"):
+                cost[i, j] = min(np.nanmean(gap**2) / rows[i].motion ** 2, 1e9)
+    return cost
+
+
+def _cycles(order: Sequence[int]) -> Iterator[list[int]]:
+    """Cycles of a permutation that move something."""
+    left = set(range(len(order)))
+    while left:
+        cycle = [min(left)]
+        while (after := order[cycle[-1]]) != cycle[0]:
+            cycle.append(after)
+        left -= set(cycle)
+        if len(cycle) > 1:
+            yield cycle
+
+
+def _delays(rows: Sequence[Compared]) -> list[Hint]:
+    """About the same delay of every channel in every record, or of some, and nothing else.
+
+    A lighter or an easier part is early, too. Then the difference is no pure delay, and a hint to
+    shift the records would spoil them.
+    """
+    late = [r for r in rows if math.isfinite(r.delay)]
+    mean = float(np.mean([r.delay for r in late])) if late else 0.0
+    apart = float(np.ptp([r.delay for r in late])) if late else 0.0
+    if len(rows) < 2 or not late or apart > SAME * abs(mean) or max(r.delayed for r in late) > LEFT:
+        return []
+    factor, unit = readable_unit(mean, "s")
+    text = f"{abs(factor * mean):.3g} {unit} {'late' if mean > 0.0 else 'early'}"
+    names = tuple(dict.fromkeys(r.channel for r in late))
+    if len(late) == len(rows):
+        return [
+            Hint("delay", names, f"every channel is {text}: is the input on the same clock?"),
+        ]
+    # The others follow the model.
+    on_time = [r for r in rows if r not in late and r.rms <= SAME * min(o.rms for o in late)]
+    if len(on_time) + len(late) < len(rows):
+        return []
+    where = ", ".join(dict.fromkeys(r.record for r in late))
+    return [
+        Hint(
+            "delay",
+            names,
+            f"{', '.join(names)} is {text} in record {where}, and not in the others: was this "
+            "sensor or its clock different there?",
+        )
+    ]

@@ -1,0 +1,444 @@
+"""Residuals of records and their derivatives at a point, for several sets of causes at once."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from unmodeled.data import Array
+from unmodeled.fit.model import (
+    Candidate,
+    Effect,
+    Sensitivity,
+    SensitivityRequest,
+    ShapeChange,
+    State,
+    reshaped,
+    start_in,
+)
+from unmodeled.fit.observe import delayed, machine_candidates, observe_all, observed_sensitivities
+from unmodeled.search.problem import Local, Members, Observed, Problem
+
+__all__ = [
+    "Ask",
+    "Linear",
+    "Point",
+    "evaluate",
+    "local_of",
+    "magnitudes_at",
+    "movable",
+    "moved",
+    "request_at",
+    "shapes_of",
+    "spread_of",
+    "start_states",
+    "unknowns_of",
+]
+
+#: Values above this limit count as diverged; their squares would overflow.
+RUNAWAY = 1e100
+#: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count
+#: as diverged: the integrator is near its limit of stability there.
+STEEP = 100.0
+#: Step of a difference by the logarithm of a number of a shape.
+SHAPE_STEP = 0.02
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """Values of the unknowns of a set, counted in their scales."""
+
+    x: Array
+    """Global unknowns: free parameters, magnitudes of effects, numbers of shapes (logarithm)."""
+    local: tuple[Array, ...]
+    """Unknowns of each record."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ask:
+    """A point at which residuals are wanted, with or without derivatives."""
+
+    members: Members
+    point: Point
+    records: tuple[Observed, ...]
+    further: Members = ()
+    """Effects that are not in the set: derivatives by their magnitudes at zero."""
+    derivatives: bool = True
+    by_global: bool = True
+    rough: bool = False
+    """Whether errors of the derivatives of some percent do not matter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """Residual of one record and its derivatives, in units of the noise of the sensors.
+
+    A step d of the unknowns changes the residual to ``residual - J d``. Values that were not
+    measured are 0.
+    """
+
+    residual: Array
+    """(n, m)"""
+    by_global: Array
+    """(n, m, g)"""
+    by_local: Array
+    """(n, m, l)"""
+    by_further: Array
+    """(n, m, c)"""
+
+    @cached_property
+    def gram(self) -> Array:
+        """Products of all columns and the residual by channel, (m, k, k), k = g + l + c + 1."""
+        columns = np.concatenate(
+            [self.by_global, self.by_local, self.by_further, self.residual[..., None]], axis=2
+        )
+        by_channel = np.moveaxis(columns, 1, 0)
+        return np.asarray(np.swapaxes(by_channel, 1, 2) @ by_channel)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the simulation has failed."""
+        return not bool(np.all(np.isfinite(self.residual)))
+
+
+def magnitudes_at(problem: Problem, members: Members, x: Array) -> Array:
+    """Magnitudes of the effects of a set [their units]."""
+    effects = problem.effects_of(members)
+    at = len(problem.free)
+    return np.array([e.scale for e in effects]) * x[at : at + len(effects)]
+
+
+def _places(problem: Problem, members: Members) -> list[tuple[int, int]]:
+    """Effect of the set and number of its shape, for each fitted number of a shape."""
+    return [(k, p) for k, e in enumerate(problem.effects_of(members)) for p in movable(e)]
+
+
+def shapes_of(problem: Problem, members: Members, x: Array) -> tuple[Candidate, ...]:
+    """The effects of a set with their fitted shapes."""
+    candidates = problem.candidates(members)
+    at = len(problem.free) + len(candidates)
+    steps: list[dict[int, float]] = [{} for _ in candidates]
+    for j, (k, place) in enumerate(_places(problem, members)):
+        steps[k][place] = float(x[at + j]) * spread_of(candidates[k].effect, place)
+    return tuple(
+        Candidate(c.effect, moved(c.effect, c.shape, step))
+        for c, step in zip(candidates, steps, strict=True)
+    )
+
+
+def unknowns_of(problem: Problem, members: Members) -> list[tuple[str, int, int]]:
+    """The global unknowns of a set in their order: kind, parameter or cause, number of a shape."""
+    own = [m.cause for m in members if problem.causes[m.cause].effect is not None]
+    return [
+        *(("parameter", i, 0) for i in problem.free),
+        *(("magnitude", i, 0) for i in own),
+        *(("shape", own[k], place) for k, place in _places(problem, members)),
+    ]
+
+
+def count_global(problem: Problem, members: Members) -> int:
+    """Number of global unknowns of a set."""
+    return len(problem.free) + len(problem.effects_of(members)) + len(_places(problem, members))
+
+
+def theta_at(problem: Problem, x: Array) -> Array:
+    """Values of all parameters [their units], (p,)."""
+    theta = problem.tabulated.copy()
+    theta[problem.free] += problem.unit * x[: len(problem.free)]
+    return theta
+
+
+def local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Local, ...]:
+    """Unknowns of a record, with those of a set and the start of its hidden states."""
+    key = tuple(m.cause for m in members), id(observed)
+    if key not in problem.locals_known:
+        problem.locals_known[key] = observed, _local_of(problem, members, observed)
+    return problem.locals_known[key][1]
+
+
+def _local_of(problem: Problem, members: Members, observed: Observed) -> tuple[Local, ...]:
+    own = len(problem.model.states())
+    states = problem.model.states(machine_candidates(problem.candidates(members)))
+    hidden = [
+        Local("start", i, s.start, s.scale, _weight_of(s))
+        for i, s in enumerate(states)
+        if i >= own and not _starts_at_rest(observed, s)
+    ]
+    shown = np.atleast_1d(observed.valid.any(axis=0))
+    further = (q for q in problem.locals_of(members) if shown[q.index])
+    return (*observed.local, *further, *hidden)
+
+
+def _starts_at_rest(observed: Observed, state: State) -> bool:
+    """Whether the start of a hidden state is known: the record begins where the model begins."""
+    start = observed.record.start
+    return state.start_sd == 0.0 and (start is None or start.known)
+
+
+def _weight_of(state: State) -> float:
+    sd = state.start_sd if 0.0 < state.start_sd < np.inf else state.scale
+    return float((state.scale / sd) ** 2)
+
+
+def evaluate(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+    """Residuals, and derivatives where they are wanted, by record of each request.
+
+    All simulations of all requests are one call of the model, so that a model that simulates many
+    jobs together is called once.
+    """
+    derived = [ask for ask in asks if ask.derivatives]
+    plain = [ask for ask in asks if not ask.derivatives]
+    found: dict[int, list[Linear]] = {}
+    with np.errstate(all="ignore"):
+        for ask, own in zip(derived, _derived(problem, derived), strict=True):
+            found[id(ask)] = own
+        for ask, own in zip(plain, _plain(problem, plain), strict=True):
+            found[id(ask)] = own
+    return [found[id(ask)] for ask in asks]
+
+
+def start_states(problem: Problem, ask: Ask, r: int) -> Array:
+    """Start states of the model and of the effects of a set [their units], (nx,)."""
+    observed, values = ask.records[r], ask.point.local[r]
+    states = problem.model.states(machine_candidates(problem.candidates(ask.members)))
+    start = np.array([start_in(s, observed.record)[0] for s in states], dtype=np.float64)
+    for local, value in zip(local_of(problem, ask.members, observed), values, strict=True):
+        if local.kind == "start":
+            start[local.index] = local.mean + local.scale * value
+    return start
+
+
+def request_at(problem: Problem, ask: Ask, r: int) -> SensitivityRequest:
+    """The simulation of a record at a point, and the derivatives that are wanted."""
+    x, observed = ask.point.x, ask.records[r]
+    included = shapes_of(problem, ask.members, x)
+    return SensitivityRequest(
+        observed.record,
+        theta_at(problem, x),
+        start_states(problem, ask, r),
+        included,
+        magnitudes_at(problem, ask.members, x),
+        by_theta=problem.free if ask.by_global else (),
+        by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, observed)),
+        candidates=problem.candidates(ask.further),
+        shape_changes=tuple(
+            c for c in _shape_changes(problem, ask) if included[c.effect].effect.rate is not None
+        ),
+        rough=ask.rough,
+    )
+
+
+def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+    requests = [request_at(problem, ask, r) for ask in asks for r in range(len(ask.records))]
+    batches = [(request.record, request.jobs()) for request in requests]
+    runs = iter(observe_all(problem.model, batches))
+    out = []
+    for ask in asks:
+        own = []
+        for r, o in enumerate(ask.records):
+            outputs = next(runs)[0][:, list(problem.channels)]
+            readings, _ = _sensed(problem, ask, r, outputs)
+            nothing = np.zeros((*readings.shape, 0))
+            own.append(Linear(_residual(o, readings), nothing, nothing, nothing))
+        out.append(own)
+    return out
+
+
+def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+    requests = [request_at(problem, ask, r) for ask in asks for r in range(len(ask.records))]
+    found_all = observed_sensitivities(problem.model, requests) if requests else []
+    by_shapes = iter(_by_shapes(problem, asks, requests, found_all))
+    found = iter(found_all)
+    out = []
+    for ask in asks:
+        scales = np.array([e.scale for e in problem.effects_of(ask.members)])
+        further = np.array([e.scale for e in problem.effects_of(ask.further)])
+        own = []
+        for r, o in enumerate(ask.records):
+            s, columns = next(found), list(problem.channels)
+            readings, by_sensor = _sensed(problem, ask, r, s.outputs[:, columns])
+            n, m = readings.shape
+            shape_columns = next(by_shapes)[:, columns]
+            if ask.by_global:
+                by_global = np.concatenate(
+                    [
+                        s.d_theta[:, columns] * problem.unit,
+                        s.d_magnitudes[:, columns] * scales,
+                        shape_columns,
+                    ],
+                    axis=2,
+                )
+            else:
+                by_global = np.zeros((n, m, 0))
+            by_starts = s.d_starts[:, columns]
+            by_further = s.d_candidates[:, columns] * further
+            for late, delay in _delays(problem, ask, r):
+                for derivatives in (by_global, by_starts, by_further):
+                    derivatives[:, late] = delayed(o.record, derivatives[:, late], delay)
+            local = local_of(problem, ask.members, o)
+            by_local = np.zeros((n, m, len(local)))
+            for j, q in enumerate(local):
+                if q.kind == "start":
+                    by_local[:, :, j] = by_starts[:, :, q.index] * q.scale
+                elif q.kind == "mode":
+                    assert o.modes is not None
+                    by_local[:, :, j] = o.modes[:, :, q.index]
+                else:
+                    by_local[:, :, j] = by_sensor[j]
+            own.append(
+                Linear(
+                    _residual(o, readings),
+                    _scaled(problem, o, by_global),
+                    _scaled(problem, o, by_local),
+                    _scaled(problem, o, by_further),
+                )
+            )
+        out.append(own)
+    return out
+
+
+def _shape_changes(problem: Problem, ask: Ask) -> list[ShapeChange]:
+    """Central differences by the unknowns of shapes."""
+    if not ask.by_global:
+        return []
+    out, effects = [], problem.effects_of(ask.members)
+    included = shapes_of(problem, ask.members, ask.point.x)
+    for k, place in _places(problem, ask.members):
+        effect, shape = effects[k], included[k].shape
+        lower, upper = (moved(effect, shape, {place: sign * SHAPE_STEP}) for sign in (-1.0, 1.0))
+        out.append(ShapeChange(k, lower, upper, 2.0 * SHAPE_STEP / spread_of(effect, place)))
+    return out
+
+
+def _by_shapes(
+    problem: Problem,
+    asks: Sequence[Ask],
+    requests: Sequence[SensitivityRequest],
+    found: Sequence[Sensitivity],
+) -> Iterator[Array]:
+    """Outputs by the unknowns of shapes, (n, ny, s), by request.
+
+    Those that the model does not differentiate are differences of simulations.
+    """
+    batches = []
+    known: list[tuple[Array | None, list[ShapeChange], list[bool]]] = []
+    all_changes = [_shape_changes(problem, ask) for ask in asks for _ in ask.records]
+    for request, s, changes in zip(requests, found, all_changes, strict=True):
+        exact = [s.d_shapes is not None and c in request.shape_changes for c in changes]
+        known.append((s.d_shapes, changes, exact))
+        for change in (c for c, done in zip(changes, exact, strict=True) if not done):
+            for shape in (change.upper, change.lower):
+                other = reshaped(request.included, change.effect, shape)
+                batches.append((request.record, replace(request, included=other).jobs()))
+    runs = iter(observe_all(problem.model, batches) if batches else [])
+    for s, (d_shapes, changes, exact) in zip(found, known, strict=True):
+        columns = np.zeros((*s.outputs.shape, len(changes)))
+        if d_shapes is not None:
+            columns[..., exact] = d_shapes
+        for j, change in enumerate(changes):
+            if not exact[j]:
+                columns[..., j] = (next(runs)[0] - next(runs)[0]) / change.width
+        yield columns
+
+
+def _delays(problem: Problem, ask: Ask, r: int) -> list[tuple[list[int], float]]:
+    """Channels of a record that are late together, with their delay [s]."""
+    local = local_of(problem, ask.members, ask.records[r])
+    found = zip(local, ask.point.local[r], strict=True)
+    return [([*q.channels], float(v) * q.scale) for q, v in found if q.kind == "delay"]
+
+
+def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, dict[int, Array]]:
+    """Readings with the errors of the sensors of a record, and their derivatives by unknown."""
+    observed, values = ask.records[r], ask.point.local[r]
+    columns: dict[int, Array] = {}
+    local = local_of(problem, ask.members, observed)
+    outputs = outputs.copy()
+    for late, delay in _delays(problem, ask, r):
+        outputs[:, late] = delayed(observed.record, outputs[:, late], delay)
+    readings = outputs.copy()
+    for j, (q, value) in enumerate(zip(local, values, strict=True)):
+        if q.kind == "mode":
+            assert observed.modes is not None
+            readings += value * observed.modes[:, :, q.index]
+            continue
+        if q.kind == "start":
+            continue
+        y = outputs[:, q.index]
+        column = np.zeros_like(outputs)
+        if q.kind == "delay":
+            late = [*q.channels]
+            column[:, late] = -np.gradient(outputs[:, late], observed.record.time, axis=0)
+            columns[j] = column * q.scale
+            continue
+        column[:, q.index] = y if q.kind == "gain" else 1.0
+        columns[j] = column * q.scale
+        readings += value * columns[j]
+    return readings, columns
+
+
+def _residual(observed: Observed, readings: Array) -> Array:
+    """Residual in units of the noise; NaN where the simulation failed."""
+    bad = ~(np.abs(readings) < RUNAWAY)
+    return np.where(
+        observed.valid, np.where(bad, np.nan, (observed.measured - readings) / observed.sd), 0.0
+    )
+
+
+def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
+    """Derivatives in units of the noise, 0 where nothing was measured or the values diverge."""
+    limit = STEEP * np.maximum(problem.motion, problem.noise)[:, None]
+    good = observed.valid[..., None] & (np.abs(columns) < limit)
+    return np.where(good, columns / observed.sd[..., None], 0.0)
+
+
+# ------------------------------------------------------------------------------- numbers of shapes
+
+
+#: Standard deviation of the logarithm of a number of a shape, at least and at most.
+NARROW, WIDE = 0.35, 1.2
+
+
+def movable(effect: Effect) -> tuple[int, ...]:
+    """Indices of the numbers of a shape that may take any value: (0,) if the shape is one number.
+
+    These are floats on one side of ``effect.shape_zero``, of which the list has two or more values.
+    Integers, zeros, texts and constants are not fitted.
+    """
+    rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
+    if len({len(r) for r in rows}) != 1:
+        return ()
+    zero = effect.shape_zero
+    found = []
+    for k, column in enumerate(zip(*rows, strict=True)):
+        if not all(isinstance(v, float) and 0.0 < abs(v - zero) < math.inf for v in column):
+            continue
+        if len(set(column)) > 1 and len({math.copysign(1.0, v - zero) for v in column}) == 1:
+            found.append(k)
+    return tuple(found)
+
+
+def spread_of(effect: Effect, place: int) -> float:
+    """Standard deviation of the prior of the logarithm of one number of a shape [1].
+
+    It is half of the range of the listed values.
+    """
+    rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
+    logs = [math.log(abs(r[place] - effect.shape_zero)) for r in rows]
+    return min(max(0.5 * (max(logs) - min(logs)), NARROW), WIDE)
+
+
+def moved(effect: Effect, shape: Any, steps: dict[int, float]) -> Any:
+    """The shape with some of its numbers multiplied by exp(step), counted from ``shape_zero``."""
+    if not steps:
+        return shape
+    zero = effect.shape_zero
+    row = list(shape) if isinstance(shape, tuple) else [shape]
+    for place, step in steps.items():
+        row[place] = zero + (row[place] - zero) * math.exp(step)
+    return tuple(row) if isinstance(shape, tuple) else row[0]

@@ -1,0 +1,51 @@
+"""Options of a diagnosis: what the user decides, and a few numbers of the search."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+
+__all__ = ["Options"]
+
+
+@checked
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Options of a diagnosis. The defaults are suitable for most cases."""
+
+    credibility: float = 0.9
+    """Posterior probability that a named effect, or a class of effects, needs, compared with the
+    other causes of the library [1]."""
+    good_enough: Mapping[str, float] = field(default_factory=dict)
+    """Residual that does not matter, by output or by unit (``{"m": 2e-4}``) [SI]; for others, 1 %
+    of the motion."""
+    missing: float = 0.5
+    """Prior probability that the model lacks an effect of the list [1]."""
+    seconds: float = 120.0
+    """Limit of time [s]; the best sets of effects until then are the answer."""
+    most: int = 4
+    """Largest number of effects in a set [1]."""
+    tries: int = 4
+    """Number of effects that are fitted together with a set in each round [1]."""
+
+    def __post_init__(self) -> None:
+        faults = []
+        if not 0.5 <= self.credibility < 1.0:
+            faults.append(f"credibility = {self.credibility!r}, expected in [0.5, 1)")
+        if not 0.0 < self.missing < 1.0:
+            faults.append(f"missing = {self.missing!r}, expected in (0, 1)")
+        if not self.seconds > 0.0:
+            faults.append(f"seconds = {self.seconds!r}, expected > 0")
+        if not 1 <= self.most <= 6:
+            faults.append(f"most = {self.most!r}, expected from 1 to 6")
+        if not 1 <= self.tries <= 20:
+            faults.append(f"tries = {self.tries!r}, expected from 1 to 20")
+        for name, value in self.good_enough.items():
+            if not 0.0 < value < math.inf:
+                faults.append(f"good_enough of {name} = {value!r}, expected > 0")
+        if faults:
+            raise InvalidParameter("options: " + "; ".join(faults))

@@ -1,0 +1,268 @@
+"""A diagnosis as a problem: model, causes that it may lack, records, and the noise of sensors.
+
+All values are immutable. Unknowns are counted in their prior scales: parameters in standard
+deviations, magnitudes in expected magnitudes. Unknowns that are common to all records are *global*;
+start states, errors of sensors, and noise of inputs are *local* to their record.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from unmodeled.data import Array, Record
+from unmodeled.fit.model import Candidate, Effect, Model
+
+__all__ = ["RELEASED", "Cause", "Local", "Member", "Members", "Observed", "Problem"]
+
+#: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
+RELEASED = 5.0
+#: Scales of a start state that is not known: as good as any value.
+UNKNOWN_START = 1e3
+
+
+@dataclass(frozen=True)
+class Local:
+    """One unknown of a single record."""
+
+    kind: str
+    """"start", "gain", "offset", "delay" or "mode"."""
+    index: int
+    """Index of the state, of the channel (of the first one for a delay), or of the mode."""
+    mean: float
+    """Prior mean [unit of the unknown]."""
+    scale: float
+    """Unit in which it is counted [unit of the unknown]."""
+    weight: float = 1.0
+    """Square of the scale over the standard deviation of the prior [1]."""
+    channels: tuple[int, ...] = ()
+    """Channels that are late together."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Something that the model may lack.
+
+    It is an effect, a parameter outside its tolerance, or an unknown of each record.
+    """
+
+    name: str
+    component: str
+    effect: Effect | None = None
+    parameter: int | None = None
+    """Index of the parameter in ``model.parameters``."""
+    local: Local | None = None
+    """Unknown that each record has: an error of a sensor that differs from record to record."""
+    log_odds: float = 0.0
+    """Log of the prior odds that it exists."""
+    alias: Effect | None = None
+    """Effect that changes the same number as the parameter, and whose name the cause has."""
+
+    @property
+    def of_records(self) -> bool:
+        """Whether it is an error of the records: of a sensor or of a recorded input."""
+        if self.effect is None:
+            return self.local is not None
+        return self.effect.kind in ("sensor", "input")
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Limits of the magnitude in expected magnitudes [1]."""
+        if self.effect is None:
+            return -math.inf, math.inf
+        low, high = self.effect.bounds
+        return low / self.effect.scale, high / self.effect.scale
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether the magnitude has one sign only."""
+        return 0.0 in self.bounds
+
+
+@dataclass(frozen=True)
+class Member:
+    """A cause as a member of a set, with the shape from which its fit starts."""
+
+    cause: int
+    """Index in ``problem.causes``."""
+    shape: Any = None
+
+
+#: A set of causes, in the order of ``problem.causes``.
+Members = tuple[Member, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """A record, prepared for a comparison with the outputs of the model."""
+
+    record: Record
+    measured: Array
+    """Measured values by channel of the problem, (n, m); 0 where ``valid`` is False."""
+    valid: NDArray[np.bool_]
+    """(n, m)"""
+    sd: Array
+    """Standard deviation of the noise of the sensors [units of the channels], (n, m)."""
+    local: tuple[Local, ...] = ()
+    """Unknowns of the record, besides the hidden states of included effects."""
+    modes: Array | None = None
+    """Outputs by the noise of inputs and by variation from record to record: one pattern for each
+    standard normal coefficient [units of the channels], (n, m, q)."""
+    after: int = 0
+    """Number of samples after the end of the record (``unmodeled.search.records.AFTER``)."""
+
+    @property
+    def end(self) -> int:
+        """Number of samples of the measured record."""
+        return self.record.samples - self.after
+
+    @property
+    def as_measured(self) -> Record:
+        """The record without the samples after its end."""
+        return self.record.cut(0, self.end)
+
+    def first(self, share: float) -> Observed:
+        """The first share of the record; at least ten samples."""
+        time = self.record.time
+        count = max(int((time - time[0] <= share * (time[-1] - time[0])).sum()), 10)
+        if count >= self.record.samples:
+            return self
+        return replace(
+            self,
+            record=self.record.cut(0, count),
+            measured=self.measured[:count],
+            valid=self.valid[:count],
+            sd=self.sd[:count],
+            modes=None if self.modes is None else self.modes[:count],
+            after=max(0, count - self.end),
+        )
+
+    @cached_property
+    def samples(self) -> Array:
+        """Number of measured values by channel, (m,)."""
+        return np.asarray(self.valid.sum(axis=0), dtype=np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Model, causes, and records."""
+
+    model: Model
+    causes: tuple[Cause, ...]
+    fit: tuple[Observed, ...]
+    held_out: tuple[Observed, ...]
+    channels: tuple[int, ...]
+    """Outputs of the model that a record shows, as indices in ``model.outputs``."""
+    noise_estimated: bool = False
+    """Whether the noise of all sensors is estimated, because no record states it."""
+    notes: tuple[str, ...] = ()
+    """Assumptions about the records, for the report."""
+
+    @cached_property
+    def locals_known(
+        self,
+    ) -> dict[tuple[tuple[int, ...], int], tuple[Observed, tuple[Local, ...]]]:
+        """Unknowns of records in sets; the records are kept so that their ids stay theirs."""
+        return {}
+
+    @cached_property
+    def free(self) -> list[int]:
+        """Indices of the parameters that are fitted."""
+        return [i for i, p in enumerate(self.model.parameters) if p.sd > 0.0]
+
+    @cached_property
+    def tabulated(self) -> Array:
+        """Values of all parameters [their units], (p,)."""
+        return np.array([p.value for p in self.model.parameters], dtype=np.float64)
+
+    @cached_property
+    def unit(self) -> Array:
+        """Units in which the free parameters are counted [their units]."""
+        return np.array([self.model.parameters[i].size for i in self.free], dtype=np.float64)
+
+    @cached_property
+    def prior(self) -> Array:
+        """Weights of the priors of the free parameters [1]: 1, and nearly 0 without a prior."""
+        sd = np.array([self.model.parameters[i].sd for i in self.free], dtype=np.float64)
+        known = np.where(np.isfinite(sd), sd, UNKNOWN_START * self.unit)
+        return np.asarray((self.unit / known) ** 2)
+
+    @cached_property
+    def parameter_bounds(self) -> tuple[Array, Array]:
+        """Lower and upper limits of the free parameters, in their units of counting."""
+        own = [self.model.parameters[i] for i in self.free]
+        at, unit = self.tabulated[self.free], self.unit
+        low = (np.array([p.lower for p in own]) - at) / unit
+        high = (np.array([p.upper for p in own]) - at) / unit
+        return low, high
+
+    @cached_property
+    def samples(self) -> Array:
+        """Number of measured values of the fitted records by channel, (m,)."""
+        return np.asarray(sum(o.samples for o in self.fit))
+
+    @cached_property
+    def motion(self) -> Array:
+        """Rms of each channel about its mean in the fitted records [its unit], (m,)."""
+        return spread(self.fit)
+
+    @cached_property
+    def noise(self) -> Array:
+        """Rms of the noise of the sensors in the fitted records [units of the channels], (m,)."""
+        total = sum((np.where(o.valid, o.sd, 0.0) ** 2).sum(axis=0) for o in self.fit)
+        return np.asarray(np.sqrt(total / np.maximum(self.samples, 1.0)))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the channels."""
+        return tuple(self.model.outputs[c] for c in self.channels)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Units of the channels."""
+        sensors = {n: s for o in self.fit for n, s in o.record.sensors.items()}
+        return tuple(self.model.units.get(n, sensors[n].unit) for n in self.names)
+
+    def candidates(self, members: Members) -> tuple[Candidate, ...]:
+        """The effects of a set as candidates of the model; parameters are none."""
+        return tuple(
+            Candidate(effect, m.shape)
+            for m in members
+            if (effect := self.causes[m.cause].effect) is not None
+        )
+
+    def locals_of(self, members: Members) -> tuple[Local, ...]:
+        """The unknowns of each record that a set adds."""
+        return tuple(q for m in members if (q := self.causes[m.cause].local) is not None)
+
+    def effects_of(self, members: Members) -> list[Effect]:
+        """The effects of a set."""
+        return [e for m in members if (e := self.causes[m.cause].effect) is not None]
+
+    def released(self, members: Members) -> NDArray[np.bool_]:
+        """Whether a free parameter may be outside its tolerance in a set, (p,)."""
+        own = {self.causes[m.cause].parameter for m in members}
+        return np.array([i in own for i in self.free], dtype=bool)
+
+
+def spread(records: Sequence[Observed]) -> Array:
+    """Rms of each channel about its mean in each record [its unit], (m,)."""
+    total, count = np.zeros(records[0].sd.shape[1]), np.zeros(records[0].sd.shape[1])
+    for o in records:
+        n = np.maximum(o.samples, 1.0)
+        about = np.where(o.valid, o.measured - o.measured.sum(axis=0) / n, 0.0)
+        total += (about**2).sum(axis=0)
+        count += o.samples
+    return np.asarray(np.sqrt(total / np.maximum(count, 1.0)))
+
+
+def rms_of(records: Sequence[Observed], residuals: Iterable[Array]) -> Array:
+    """Rms of residuals by channel [its unit], (m,); they are in units of the noise, (n, m)."""
+    squares = sum(((x * o.sd) ** 2).sum(axis=0) for x, o in zip(residuals, records, strict=True))
+    return np.asarray(np.sqrt(squares / np.maximum(sum(o.samples for o in records), 1.0)))

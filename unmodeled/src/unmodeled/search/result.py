@@ -1,0 +1,423 @@
+"""What the attributes of a report, a comparison or a blind test hold: numbers and codes.
+
+Users read them and never make them.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
+from enum import Enum
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.data import Array
+
+__all__ = [
+    "OUTCOMES",
+    "Case",
+    "Cell",
+    "Channel",
+    "Compared",
+    "Event",
+    "Hint",
+    "Named",
+    "ParameterValue",
+    "Place",
+    "Reason",
+    "Result",
+    "SetOfCauses",
+    "Trace",
+]
+
+#: Version of the JSON form of a result.
+VERSION = 1
+#: Deviation of a parameter, in standard deviations of its prior, above which it is an answer.
+OFF = 3.0
+
+
+class Verdict(Enum):
+    """What a diagnosis says."""
+
+    NO_GAP = "no gap"
+    """The tabulated model already agrees with the records."""
+    CALIBRATED = "calibrated"
+    """With parameters within their tolerances, the model agrees."""
+    NAMED = "named"
+    """One or more causes are named."""
+    ONE_OF = "one of"
+    """One of a class of causes is missing; the records do not tell which one."""
+    UNKNOWN = "unknown"
+    """A material residual remains, and no cause explains it."""
+
+
+class Reason(Enum):
+    """Why a verdict is what it is."""
+
+    NOISE_NOT_STATED = "no noise of the sensor is stated"
+    DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
+    NO_HELD_OUT_GAIN = "held-out records are not predicted better"
+    NOT_PREDICTED = "held-out records are not predicted"
+    CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
+    NOT_COMPLETE = "the search was ended before its end"
+    INTERRUPTED = "the search was interrupted"
+
+
+@dataclass(frozen=True)
+class Channel:
+    """Residuals of one output, as rms in its unit; NaN: no held-out record shows it."""
+
+    name: str
+    unit: str
+    noise: float
+    """Noise of the sensor; if no sensor states it, the part of what the best set leaves that
+    neighboring samples do not share; NaN: it is not known."""
+    motion: float
+    """Rms of the measured values about their mean, by record."""
+    tabulated: float
+    """Residual of the tabulated model."""
+    calibrated: float
+    """Residual after a fit of the parameters."""
+    explained: float
+    """Residual with the named causes, or with the most probable set."""
+    held_out_calibrated: float = float("nan")
+    held_out_explained: float = float("nan")
+    good_enough: float = 0.0
+    """Residual that does not matter."""
+
+    @checked
+    def share(self, residual: float) -> float:
+        """A residual as a share of the motion [1]."""
+        return residual / self.motion if self.motion > 0.0 else math.nan
+
+    @property
+    def limit(self) -> float:
+        """Largest residual that does not matter: twice the noise, or good_enough."""
+        return max(2.0 * float(np.nan_to_num(self.noise)), self.good_enough, 1e-300)
+
+    @property
+    def material(self) -> bool:
+        """Whether the unexplained residual matters."""
+        return self.explained > self.limit
+
+
+def worst_of(channels: Sequence[Channel]) -> int:
+    """Index of the channel that the calibrated model misses most, else the tabulated model.
+
+    A channel of which only the noise is missed is the worst one only if all are so.
+
+    Parameters
+    ----------
+    channels
+        All channels.
+    """
+
+    def badness(c: Channel) -> tuple[float, float]:
+        calibrated, tabulated = c.calibrated / c.limit, c.tabulated / c.limit
+        return max(calibrated, 1.0), tabulated if math.isfinite(tabulated) else math.inf
+
+    return max(range(len(channels)), key=lambda k: badness(channels[k]))
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A fitted parameter of the model."""
+
+    name: str
+    title: str
+    unit: str
+    tabulated: float
+    sd: float
+    """Standard deviation of the prior."""
+    value: float
+    low: float
+    """Lower end of the 95 % interval."""
+    high: float
+    relative: bool = False
+    """Whether the value is a relative deviation."""
+
+    @property
+    def moved(self) -> bool:
+        """Whether the interval excludes the tabulated value."""
+        return not self.low <= self.tabulated <= self.high
+
+    @property
+    def tolerances(self) -> float:
+        """Deviation from the tabulated value in standard deviations of the prior [1]."""
+        return abs(self.value - self.tabulated) / self.sd if self.sd > 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Named:
+    """A cause with its magnitude in the set in which it is most probable."""
+
+    cause: str
+    component: str
+    unit: str
+    magnitude: float
+    low: float
+    """Lower end of the 95 % interval."""
+    high: float
+    probability: float
+    """Posterior probability that it is missing [1]."""
+    shape: Any = None
+    shape_names: tuple[str, ...] = ()
+    by_record: tuple[float, ...] = ()
+    """Magnitude in each fitted record by itself."""
+    parameter: bool = False
+    """Whether it is a parameter outside its tolerance; the magnitude is its value."""
+    mechanism: str = ""
+    remedy: str = ""
+    changes: str = ""
+    """Parameter of the model that is this cause, also under the name of an effect; "": none."""
+
+
+@dataclass(frozen=True)
+class SetOfCauses:
+    """One fitted set of causes."""
+
+    causes: tuple[str, ...]
+    probability: float
+    residual: tuple[float, ...]
+    """Rms of the residual by channel [its unit]."""
+    magnitudes: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Cell:
+    """Residual of one channel in a part of a record, as rms in the unit of the channel."""
+
+    record: str
+    channel: str
+    start: float
+    """[s]"""
+    end: float
+    """[s]"""
+    since: str
+    """Event of the model with which the part begins; "" if there is none."""
+    calibrated: float
+    explained: float
+
+
+@dataclass(frozen=True)
+class Event:
+    """Delay of one channel at an event of the model."""
+
+    record: str
+    event: str
+    channel: str
+    time: float
+    """[s]"""
+    delay: float
+    """Delay of the record against the calibrated model [s]."""
+    delay_explained: float
+    """With the told causes [s]."""
+    delay_sd: float
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place where something unknown would explain the residual that the told causes leave."""
+
+    name: str
+    """A port of the model, or a component of the listed effects."""
+    port: bool
+    """Port: any force that depends on time; component: its effects, other ones in each record."""
+    left: tuple[float, ...]
+    """Residual that would remain, by channel, corrected for the freedom of the force [its unit]."""
+    gain: float
+    """Gain of log evidence."""
+    resembles: tuple[tuple[str, float], ...] = ()
+    """Laws that the force resembles, with the shares of the force that they explain [1]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Residual of the worst channel over time in one record [its unit]; NaN: not measured."""
+
+    record: str
+    held_out: bool
+    time: Array
+    calibrated: Array
+    explained: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """Result of a diagnosis."""
+
+    verdict: Verdict
+    reasons: tuple[Reason, ...]
+    channels: tuple[Channel, ...]
+    named: tuple[Named, ...]
+    classes: tuple[tuple[Named, ...], ...]
+    """Each class: one of its members is missing."""
+    parameters: tuple[ParameterValue, ...]
+    """Fitted parameters, with the named causes."""
+    sets: tuple[SetOfCauses, ...]
+    """Fitted sets, the most probable first."""
+    held_out_gain: tuple[float, float, float] | None = None
+    """Ratio of the rms residuals of held-out records with and without the told causes, with its
+    95 % interval [1]; None: nothing is told."""
+    nothing: float = 1.0
+    """Posterior probability that no listed cause is missing [1]."""
+    not_tried: tuple[str, ...] = ()
+    """Causes that no fitted set contains, most promising first."""
+    causes: int = 0
+    """Number of causes that were to be tried."""
+    refused: tuple[str, ...] = ()
+    """Causes of the most probable set whose magnitude differs between records."""
+    complete: bool = True
+    needed: float = math.nan
+    """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
+    notes: tuple[str, ...] = ()
+    seconds: float = 0.0
+    records: tuple[str, ...] = ()
+    """Names of the records in the order of ``Named.by_record``."""
+    cells: tuple[Cell, ...] = ()
+    """Ledger of the residual."""
+    events: tuple[Event, ...] = ()
+    places: tuple[Place, ...] = ()
+    """Best explanation of what remains first; () if what remains does not matter."""
+    apart: tuple[str, ...] = ()
+    """For each class, the record in which its first two members differ most."""
+    told: tuple[str, ...] = ()
+    """Causes of the most probable set that agrees with the named ones and the classes."""
+    unknowns: tuple[str, ...] = ()
+    """Fitted parameters and magnitudes of the told set."""
+    correlation: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
+    """Correlation of the unknowns."""
+    traces: tuple[Trace, ...] = field(default=(), repr=False)
+
+    @property
+    def off(self) -> tuple[ParameterValue, ...]:
+        """Parameters that are surely far outside their tolerances, farthest first.
+
+        They are a part of the answer, unless it is unknown what they imitate. Those that are told
+        as causes are omitted.
+        """
+        if self.verdict is Verdict.UNKNOWN:
+            return ()
+        told = {n.changes for group in (self.named, *self.classes) for n in group}
+        found = [p for p in self.parameters if p.moved and p.tolerances > OFF]
+        return tuple(sorted((p for p in found if p.name not in told), key=lambda p: -p.tolerances))
+
+    @cached_property
+    def worst(self) -> Channel:
+        """The channel that the calibrated model misses most."""
+        return self.channels[worst_of(self.channels)]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
+        own: dict[str, Any] = plain(self) | {"off": [p.name for p in self.off]}
+        return {"format": "unmodeled diagnosis", "version": VERSION} | own
+
+    def to_json(self) -> str:
+        """The result as a JSON text; ``seconds`` apart, equal input gives equal text."""
+        return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One channel of one record beside the tabulated model."""
+
+    record: str
+    channel: str
+    unit: str
+    samples: int
+    """Number of samples that the record and the model both have [1]."""
+    motion: float
+    """Rms of the record about its mean [unit]."""
+    noise: float
+    """Noise of the sensor [unit]."""
+    stated: bool
+    """Whether the noise is stated; else it is estimated from the record."""
+    rms: float
+    """Rms of record minus model [unit]."""
+    factor: float
+    """Record over model, about their means, by least squares [1]."""
+    offset: float
+    """Mean of the record less that of the model times the factor [unit]."""
+    correlation: float
+    """Correlation of record and model [1]."""
+    delay: float
+    """Delay of the record if it explains at least half of the squared difference [s]; else NaN."""
+    delayed: float
+    """Share of the squared difference that remains with this delay [1]; NaN without it."""
+
+    @property
+    def share(self) -> float:
+        """Difference as a share of the motion [1]."""
+        return self.rms / self.motion if self.motion > 0.0 else math.nan
+
+    @property
+    def in_noise(self) -> float:
+        """Difference as a multiple of the noise [1]."""
+        return self.rms / self.noise if self.noise > 0.0 else math.nan
+
+
+@dataclass(frozen=True)
+class Hint:
+    """An error of the records that would explain a difference."""
+
+    kind: Literal["unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap"]
+    channels: tuple[str, ...]
+    text: str
+    sure: bool = False
+    """Whether nothing else explains it; a diagnosis refuses such records."""
+
+
+#: Outcomes of a case. With an effect: it is named, and nothing else is told; the only class that is
+#: told contains it; no cause is told, and the rest does not matter, or does ("unknown"); another
+#: cause is told. Without an effect: no cause is told, or one is. The diagnosis failed.
+OUTCOMES = ("right", "class", "silent", "unknown", "wrong", "quiet", "false alarm", "none")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One withheld effect and its diagnosis."""
+
+    number: int
+    effect: str
+    """Name of the effect; empty: nothing was withheld."""
+    magnitude: float
+    """True magnitude [unit]."""
+    unit: str
+    signal_to_noise: float
+    """Norm of the change of the records by the effect, in standard deviations of the noise [1]."""
+    outcome: str = "none"
+    """One of :data:`OUTCOMES`."""
+    verdict: str = ""
+    told: tuple[tuple[str, ...], ...] = ()
+    """Named causes and classes; one name: a named cause."""
+    covered: int = 0
+    """Number of 95 % intervals of parameters and of the effect that contain the true value."""
+    intervals: int = 0
+    error: str = ""
+    """Message of a failed diagnosis."""
+
+
+def plain(value: Any) -> Any:
+    """Value as JSON types; numbers to 9 digits."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {f.name: plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Enum):
+        return value.name
+    if isinstance(value, Mapping):
+        return {str(k): plain(v) for k, v in value.items()}
+    if isinstance(value, tuple | list | np.ndarray):
+        return [plain(v) for v in value]
+    if value is None or isinstance(value, bool | str):
+        return value
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        if math.isnan(value):
+            return None
+        return float(f"{value:.9g}") if math.isfinite(value) else str(float(value))
+    return str(value)

@@ -1,0 +1,519 @@
+"""The verdict: probabilities of sets become named causes, classes, or an unknown cause."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from unmodeled.data import Array
+from unmodeled.data.smoothing import noise_of_record
+from unmodeled.search.evidence import Fitted, System, precision, prior_of, system
+from unmodeled.search.fit import empty_point
+from unmodeled.search.held_out import Predicted, compare, predict
+from unmodeled.search.linear import (
+    Ask,
+    evaluate,
+    local_of,
+    magnitudes_at,
+    shapes_of,
+    theta_at,
+)
+from unmodeled.search.locate import cells, events, most_different, places
+from unmodeled.search.options import Options
+from unmodeled.search.problem import Problem, rms_of
+from unmodeled.search.progress import Stop
+from unmodeled.search.result import (
+    Channel,
+    Named,
+    ParameterValue,
+    Place,
+    Reason,
+    Result,
+    SetOfCauses,
+    Trace,
+    Verdict,
+    worst_of,
+)
+from unmodeled.search.score import by_record
+from unmodeled.search.search import Searched, rank, with_all_records
+
+__all__ = ["judge"]
+
+#: Number of sets that are fitted to all records, and the probability that they have at least.
+PREDICTED, UNLIKELY = 8, 1e-3
+#: Largest number of members of a class that is told.
+CLASS = 6
+#: Probability of the differences of a magnitude between records below which it is no name.
+SAME = 0.01
+#: Share of the motion that does not matter, unless the user states it.
+GOOD_ENOUGH = 0.01
+#: Half width of a 95 % interval in standard deviations.
+HALF = 1.96
+
+
+def judge(
+    searched: Searched,
+    options: Options,
+    seconds: float,
+    tell: Callable[[str], None] = lambda _: None,
+    check: Callable[[], None] = lambda: None,
+) -> Result:
+    """The result of a search.
+
+    Parameters
+    ----------
+    searched
+        Fitted sets of causes.
+    options
+        Options of the diagnosis.
+    seconds
+        Time that preparation and search took [s].
+    tell
+        Is called with the stage.
+    check
+        Is called before each simulation of all fits that proceed together; may raise ``Stop``.
+    """
+    shown = searched.problem
+    tell("held_out")
+    problem, sets, weight, predicted, worse = _posterior(searched, check)
+    tell("judge")
+    probable = sets[0]
+    sets, weight, imitations = _consistent(problem, sets, weight)
+    told, classes = _told(sets, weight, options.credibility)
+    best = _representative(sets, told, classes)
+    alone = next(s for s in sets if not s.causes)
+    interrupted = _interrupted(searched.ended_by)
+    missing = [s for s in (alone, best) if s.causes not in predicted]
+    if shown.held_out and problem is shown and not interrupted:  # a few runs after the limit
+        predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
+    channels = _channels(problem, shown, alone, best, predicted, options)
+    ours, base = predicted.get(best.causes), predicted.get(())
+    gain = None
+    if best is not alone and ours is not None and base is not None:
+        ratio, low, high = (math.exp(v) for v in compare(ours, base, best.noise, best.effective))
+        gain = ratio, low, high
+    lost = bool(shown.held_out) and (ours is None or base is None)
+    tried = {i for s in searched.sets.values() for i in s.causes}
+    order = dict.fromkeys((*(s.cause for s in searched.first), *range(len(problem.causes))))
+    tell("locate")
+    ports: tuple[Place, ...] = ()
+    if any(c.material for c in channels):
+        try:
+            check()
+            ports = places(problem, best)
+        except (Stop, KeyboardInterrupt) as stop:
+            searched.ended_by = stop
+    reasons = {
+        Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not probable,
+        Reason.NOT_COMPLETE: searched.ended_by is not None,
+        Reason.INTERRUPTED: interrupted or _interrupted(searched.ended_by),
+        Reason.NOISE_NOT_STATED: problem.noise_estimated,
+        Reason.CALIBRATION_PREDICTS_WORSE: worse,
+        Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
+        Reason.NOT_PREDICTED: lost,
+    }
+    unknowns, correlation = _correlation(problem, best)
+    return Result(
+        verdict=_verdict(told, classes, channels),
+        reasons=tuple(reason for reason, holds in reasons.items() if holds),
+        channels=channels,
+        named=tuple(_named(problem, best, sets, weight, i) for i in told),
+        classes=tuple(
+            tuple(_named(problem, _where(sets, i), sets, weight, i) for i in group)
+            for group in classes
+        ),
+        parameters=_parameters(problem, best),
+        sets=tuple(
+            SetOfCauses(
+                tuple(problem.causes[i].name for i in s.causes),
+                float(w),
+                tuple(float(v) for v in _rms(problem, s)),
+                tuple(float(v) for v in magnitudes_at(problem, s.members, s.point.x)),
+            )
+            for s, w in zip(sets, weight, strict=True)
+        ),
+        held_out_gain=gain,
+        nothing=float(sum(w for s, w in zip(sets, weight, strict=True) if not s.causes)),
+        not_tried=tuple(problem.causes[i].name for i in order if i not in tried),
+        causes=len(problem.causes),
+        refused=tuple(problem.causes[i].name for i in probable.causes if i in imitations),
+        complete=searched.ended_by is None,
+        notes=problem.notes,
+        seconds=seconds,
+        records=tuple(o.record.name for o in problem.fit),
+        cells=cells(problem, alone, best),
+        events=events(problem, alone, best),
+        places=ports,
+        apart=tuple(
+            most_different(problem, _where(sets, a), _where(sets, b)) for a, b, *_ in classes
+        ),
+        unknowns=unknowns,
+        correlation=correlation,
+        told=tuple(problem.causes[i].name for i in best.causes) if told or classes else (),
+        traces=_traces(problem, shown, alone, best, channels),
+    )
+
+
+def _interrupted(reason: BaseException | None) -> bool:
+    """Whether Ctrl-C ended the search, also if fits that proceed together passed it on."""
+    while isinstance(reason, Stop):
+        reason = reason.__cause__
+    return isinstance(reason, KeyboardInterrupt)
+
+
+def _verdict(
+    told: Sequence[int], classes: Sequence[Sequence[int]], channels: Sequence[Channel]
+) -> Verdict:
+    if told:
+        return Verdict.NAMED
+    if classes:
+        return Verdict.ONE_OF
+    if any(c.material for c in channels):
+        return Verdict.UNKNOWN
+    if any(replace(c, explained=c.tabulated).material for c in channels):
+        return Verdict.CALIBRATED
+    return Verdict.NO_GAP
+
+
+def _posterior(
+    searched: Searched, check: Callable[[], None]
+) -> tuple[Problem, list[Fitted], Array, dict[tuple[int, ...], Predicted | None], bool]:
+    """Sets by posterior probability, given fitted and held-out records.
+
+    The most probable sets are fitted to all records; the model alone is among them. The last value
+    is whether the calibrated model predicts the held-out records surely worse than the tabulated
+    one.
+    """
+    problem = searched.problem
+    ranked, weight = searched.ranked()
+    if not problem.held_out:
+        return problem, ranked, weight, {}, False
+    some = [s for s, w in zip(ranked, weight, strict=True) if w > UNLIKELY or not s.causes]
+    some = [*some[:PREDICTED], *(s for s in some[PREDICTED:] if not s.causes)]
+    alone = next(s for s in ranked if not s.causes)
+    tabulated = replace(alone, point=replace(alone.point, x=np.zeros_like(alone.point.x)))
+    known: dict[tuple[int, ...], Predicted | None] = {}
+    try:
+        *predicted, before = predict(problem, [*some, tabulated], check)
+        known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
+        everything = with_all_records(searched, some, predicted, check)
+    except (Stop, KeyboardInterrupt) as stop:
+        searched.ended_by = stop
+        return problem, ranked, weight, known, False
+    searched.ended_by = everything.ended_by
+    sets, weight = everything.ranked()
+    after, worse = known[()], False
+    if after is not None and before is not None:
+        worse = compare(after, before, alone.noise, alone.effective)[1] > 0.0
+    return everything.problem, sets, weight, known, worse
+
+
+def _consistent(
+    problem: Problem, sets: Sequence[Fitted], weight: Array
+) -> tuple[list[Fitted], Array, set[int]]:
+    """The sets without imitations, with their probabilities, and the imitations.
+
+    A cause whose magnitude differs between records in every set is an imitation of something that
+    no cause of the list has, whatever its evidence.
+    """
+    causes = {i for s in sets for i in s.causes if problem.causes[i].local is None}
+    imitations = {
+        i for i in causes if all(_by_record(problem, s, i)[1] < SAME for s in sets if i in s.causes)
+    }
+    kept = [s for s in sets if not imitations & set(s.causes)]
+    if len(kept) == len(sets):
+        return list(sets), weight, imitations
+    return (*rank(problem, kept), imitations)
+
+
+def _told(
+    sets: Sequence[Fitted], weight: Array, credibility: float
+) -> tuple[list[int], list[list[int]]]:
+    """Causes that are named, and classes of which one is missing.
+
+    As long as the sets with a cause that is not told yet have the probability ``credibility``
+    together, the fewest such causes are collected, the most probable first, of which at least one
+    is in sets of this probability. One cause is named; several are a class.
+    """
+    told: list[int] = []
+    classes: list[list[int]] = []
+    taken: set[int] = set()
+    while True:
+        rest = [set(s.causes) - taken for s in sets]
+        if sum(w for r, w in zip(rest, weight, strict=True) if r) < credibility:
+            break
+        group: list[int] = []
+        while True:
+            open_ = [(r, w) for r, w in zip(rest, weight, strict=True) if not r & set(group)]
+            covered = 1.0 - sum(w for _, w in open_)
+            if covered >= credibility:
+                break
+            share: dict[int, float] = {}
+            for r, w in open_:
+                for i in r:
+                    share[i] = share.get(i, 0.0) + float(w)
+            group.append(max(share, key=lambda i: share[i]))
+        taken |= set(group)
+        if len(group) > CLASS:
+            break
+        if len(group) > 1:
+            classes.append(group)
+        else:
+            told.append(group[0])
+    return told, classes
+
+
+def _where(sets: Sequence[Fitted], cause: int) -> Fitted:
+    """The most probable set with a cause."""
+    return next(s for s in sets if cause in s.causes)
+
+
+def _representative(
+    sets: Sequence[Fitted], told: Sequence[int], classes: Sequence[Sequence[int]]
+) -> Fitted:
+    """The most probable set that agrees with what is told."""
+    for s in sets:
+        own = set(s.causes)
+        agrees = set(told) <= own and all(own & set(group) for group in classes)
+        if agrees and (told or classes or not own):
+            return s
+    return sets[0]
+
+
+def _index(problem: Problem, fitted: Fitted, cause: int) -> int:
+    """Index of a cause among the global unknowns of a set."""
+    found = problem.causes[cause]
+    if found.parameter is not None:
+        return problem.free.index(found.parameter)
+    effects = [i for i in fitted.causes if problem.causes[i].effect is not None]
+    return len(problem.free) + effects.index(cause)
+
+
+def _covariance(problem: Problem, fitted: Fitted) -> Array:
+    """Covariance of the global unknowns of a set, in their scales."""
+    return _precision(problem, fitted)[1]
+
+
+def _precision(problem: Problem, fitted: Fitted) -> tuple[System, Array]:
+    """Normal equations of a set, and the covariance of its global unknowns in their scales.
+
+    What an estimate has taken up of a discrepancy is not seen. It may be as large as what is left,
+    so that the discrepancy counts as one sample.
+    """
+    samples = np.maximum(problem.samples, 1.0)
+    left = np.maximum(fitted.noise / np.maximum(_white(problem, fitted), 1.0), 1.0) ** 2
+    weight = left * precision(left, 1.0 / (fitted.effective * samples), worth=1.0) / samples
+    point, linears = fitted.point, fitted.linears
+    own = system(problem, problem.fit, fitted.members, point, linears, fitted.noise, weight)
+    prior = prior_of(problem, fitted.members).weights(point.x)
+    return own, np.asarray(np.linalg.inv(own.matrix + np.diag(prior)))
+
+
+def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
+    """Magnitude in each record in its scale, and the probability of their differences."""
+    from scipy.special import chdtrc
+
+    k = _index(problem, fitted, cause)
+    if len(problem.fit) < 2:
+        return fitted.point.x[k : k + 1], 1.0
+    values, covariance = by_record(problem, fitted, k)
+    inverse = np.linalg.inv(covariance)
+    apart = values - (inverse @ values).sum() / inverse.sum()
+    return values, float(chdtrc(len(values) - 1, apart @ inverse @ apart))
+
+
+def _named(
+    problem: Problem, fitted: Fitted, sets: Sequence[Fitted], weight: Array, cause: int
+) -> Named:
+    """A cause with its magnitude in a set."""
+    found = problem.causes[cause]
+    probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+    if found.local is not None:
+        return _in_each_record(problem, fitted, cause, probability)
+    k = _index(problem, fitted, cause)
+    x, sd = fitted.point.x[k], math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
+    values, _ = _by_record(problem, fitted, cause)
+    effect, words, shape, changes, zero = found.effect, found.effect or found.alias, None, "", 0.0
+    if effect is not None:
+        scale = effect.scale
+        shape = shapes_of(problem, fitted.members, fitted.point.x)[k - len(problem.free)].shape
+    else:
+        scale = problem.unit[k] / (1.0 if words is None else words.tolerance_ratio)
+        p = problem.model.parameters[problem.free[k]]
+        changes, unit, (low, high) = p.name, p.unit, (p.lower, p.upper)
+        zero = p.value
+    if words is not None:
+        zero, unit, (low, high) = 0.0, words.unit, words.bounds
+    half = HALF * sd * abs(scale)
+    value = zero + scale * x
+    return Named(
+        cause=found.name,
+        component=found.component,
+        unit=unit,
+        magnitude=float(value),
+        low=float(max(value - half, low)),
+        high=float(min(value + half, high)),
+        probability=probability,
+        shape=shape,
+        shape_names=() if effect is None else effect.shape_names,
+        by_record=tuple(float(zero + scale * v) for v in values),
+        parameter=words is None,
+        changes=changes,
+        mechanism="" if words is None else words.mechanism,
+        remedy="" if words is None else words.remedy,
+    )
+
+
+def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> Named:
+    """An error of a sensor in each record; its magnitude is the rms over the records."""
+    found = problem.causes[cause]
+    assert found.local is not None
+    key = (found.local.kind, found.local.index)
+    at = [
+        [(q.kind, q.index) for q in local_of(problem, fitted.members, o)].index(key)
+        for o in problem.fit
+    ]
+    values = [float(v[k]) for v, k in zip(fitted.point.local, at, strict=True)]
+    rms = math.sqrt(sum(v * v for v in values) / len(values))
+    own, covariance = _precision(problem, fitted)
+    # The rms depends on the values, and these on the unknowns that all records have.
+    variance, shared = 0.0, np.zeros(covariance.shape[0])
+    for v, k, (inner, coupling, _) in zip(values, at, own.locals, strict=True):
+        slope = v / (len(values) * rms) if rms > 0.0 else 0.0
+        of_record = np.linalg.solve(inner, np.column_stack([np.eye(len(inner))[k], coupling]))[k]
+        variance += slope**2 * float(of_record[0])
+        shared += slope * of_record[1:]
+    half = HALF * math.sqrt(variance + float(shared @ covariance @ shared))
+    scale = found.local.scale
+    return Named(
+        cause=found.name,
+        component=found.component,
+        unit=problem.units[found.local.index],
+        magnitude=scale * rms,
+        low=scale * max(rms - half, 0.0),
+        high=scale * (rms + half),
+        probability=probability,
+        by_record=tuple(scale * v for v in values),
+        mechanism="The sensor has another zero in each record.",
+        remedy="Zero the sensor before each record.",
+    )
+
+
+def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
+    """Values of the free parameters of the machine with their intervals."""
+    theta, covariance = theta_at(problem, fitted.point.x), _covariance(problem, fitted)
+    out = []
+    for k, i in enumerate(problem.free):
+        p = problem.model.parameters[i]
+        if not p.of_the_machine:
+            continue
+        half = HALF * problem.unit[k] * math.sqrt(max(covariance[k, k], 0.0))
+        out.append(
+            ParameterValue(
+                p.name,
+                p.title,
+                p.unit,
+                p.value,
+                p.sd,
+                float(theta[i]),
+                float(max(theta[i] - half, p.lower)),
+                float(min(theta[i] + half, p.upper)),
+                p.relative,
+            )
+        )
+    return tuple(out)
+
+
+def _correlation(problem: Problem, fitted: Fitted) -> tuple[tuple[str, ...], Array]:
+    """Names of the unknowns of the machine in a set, and their correlation."""
+    covariance = _covariance(problem, fitted)
+    free = [problem.model.parameters[i] for i in problem.free]
+    names = [*(p.name for p in free), *(e.name for e in problem.effects_of(fitted.members))]
+    kept = [k for k in range(len(names)) if k >= len(free) or free[k].of_the_machine]
+    part = covariance[np.ix_(kept, kept)]
+    sd = np.sqrt(np.maximum(np.diag(part), 1e-300))
+    return tuple(names[k] for k in kept), part / np.outer(sd, sd)
+
+
+def _traces(
+    problem: Problem, shown: Problem, alone: Fitted, best: Fitted, channels: Sequence[Channel]
+) -> tuple[Trace, ...]:
+    """Residuals of the channel that the calibrated model misses most."""
+    c = worst_of(channels)
+    held = {o.record.name for o in shown.held_out}
+    out = []
+    for r, o in enumerate(problem.fit):
+        own = slice(o.end)
+        if not o.valid[own, c].any():
+            continue
+        pair = [
+            np.where(o.valid[own, c], s.linears[r].residual[own, c] * o.sd[own, c], np.nan)
+            for s in (alone, best)
+        ]
+        name = o.record.name
+        out.append(Trace(name, name in held, o.record.time[own], *pair))
+    return tuple(out)
+
+
+def _rms(problem: Problem, fitted: Fitted) -> Array:
+    """Rms of the residual by channel [its unit], (m,)."""
+    return rms_of(problem.fit, (x.residual for x in fitted.linears))
+
+
+def _white(problem: Problem, fitted: Fitted) -> Array:
+    """Noise of each sensor from the residual of a set, in units of the noise so far [1], (m,).
+
+    It is the part of the residual that neighboring samples do not share, so that a residual which
+    is white is noise. Zero: the records are too short.
+    """
+    of_records = [
+        [noise_of_record(x.residual[o.valid[:, c], c]) for c in range(fitted.noise.size)]
+        for x, o in zip(fitted.linears, problem.fit, strict=True)
+    ]
+    return np.asarray(np.sqrt(np.mean(np.square(of_records), axis=0)))
+
+
+def _channels(
+    problem: Problem,
+    shown: Problem,
+    alone: Fitted,
+    best: Fitted,
+    predicted: dict[tuple[int, ...], Predicted | None],
+    options: Options,
+) -> tuple[Channel, ...]:
+    """Residuals by channel of the tabulated, the calibrated, and the explained model."""
+    point = empty_point(problem, (), problem.fit)
+    start = type(point)(
+        point.x,
+        tuple(
+            np.array([v if q.weight < 1e-4 else 0.0 for q, v in zip(o.local, values, strict=True)])
+            for o, values in zip(problem.fit, alone.point.local, strict=True)
+        ),
+    )
+    seen = evaluate(problem, [Ask((), start, problem.fit, derivatives=False)])[0]
+    tabulated = rms_of(problem.fit, (x.residual for x in seen))
+    calibrated, explained = _rms(problem, alone), _rms(problem, best)
+    noise = problem.noise * (_white(problem, best) if problem.noise_estimated else 1.0)
+    held = [None if (p := predicted.get(s.causes)) is None else p.rms(shown) for s in (alone, best)]
+    out = []
+    for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True)):
+        stated = options.good_enough.get(name, options.good_enough.get(unit))
+        motion = float(problem.motion[c])
+        out.append(
+            Channel(
+                name,
+                unit,
+                float(noise[c]) or math.nan,
+                motion,
+                float(tabulated[c]),
+                float(calibrated[c]),
+                float(explained[c]),
+                math.nan if held[0] is None else float(held[0][c]),
+                math.nan if held[1] is None else float(held[1][c]),
+                GOOD_ENOUGH * motion if stated is None else stated,
+            )
+        )
+    return tuple(out)

@@ -1,0 +1,394 @@
+"""Accepted units. Inside all values are in SI units.
+
+A value in a file is a number (in the SI unit of its field), a text ``"10.5 mm"``, or a table
+``{ value = 10.5, unit = "mm", source = "..." }``. Composite units are written with spaces or ``*``
+for products, ``/`` for one quotient and ``^`` for powers: ``"kg mm^2"``, ``"N m/rad"``,
+``"N/m^2.3"``. The caret is optional: ``"mm2"``, ``"m/s2"``, ``"mm²"``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from functools import lru_cache
+
+from unmodeled.arguments import AnyNumber, checked, text_readers
+from unmodeled.errors import InvalidParameter
+
+__all__ = [
+    "ACCEPTED_UNITS",
+    "TEMPERATURE_SCALES",
+    "conversion_factor",
+    "convert",
+    "dimension_text",
+    "number_and_unit",
+    "readable_unit",
+    "si_value",
+    "split_quantity",
+    "to_si",
+    "unit_suffix",
+    "weight_hint",
+    "zero_and_factor",
+]
+
+#: Dimensions. Radians are one, because an angle is not a plain number. Counts of a converter and
+#: decibels measure nothing else.
+_BASES = ("m", "kg", "s", "rad", "A", "K", "mol", "counts", "dB")
+#: Name -> factor to SI, and exponents of the dimensions.
+ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, ...]]] = {
+    "1": (1.0, (0.0,) * len(_BASES)),
+    **{name: (1.0, tuple(float(name == n) for n in _BASES)) for name in _BASES},
+}
+
+
+def _prefixed(name: str, prefixes: str = "mµnukM") -> dict[str, float]:
+    """A unit with and without prefixes, and the factors."""
+    sizes = {"k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+    return {name: 1.0, **{prefix + name: sizes[prefix] for prefix in prefixes}}
+
+
+#: Dimension as a product of units above it -> factors to SI of units that measure it.
+_UNITS_OF: dict[str, dict[str, float]] = {
+    "m": {"mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "m^3": {"L": 1e-3, "l": 1e-3, "mL": 1e-6, "ml": 1e-6, "uL": 1e-9, "µL": 1e-9},
+    "kg": {"g": 1e-3, "mg": 1e-6, "ug": 1e-9, "µg": 1e-9, "ng": 1e-12, "lb": 0.45359237},
+    "s": {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "day": 86400.0},
+    "rad": {"mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
+    "rad/s": {"rpm": math.pi / 30.0},
+    "1/s": {"Hz": 1.0, "kHz": 1e3},
+    "kg/m": {"tex": 1e-6, "dtex": 1e-7, "den": 1e-3 / 9e3},
+    "kg m/s^2": {
+        **{"N": 1.0, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6},
+        **{"uN": 1e-6, "µN": 1e-6},
+        **{"gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605},
+    },
+    "N/m^2": {
+        **{"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5, "mbar": 1e2, "hPa": 1e2},
+        **{"psi": 4.4482216152605 / 0.0254**2},
+    },
+    "N m": {**_prefixed("J", "mkM"), "Wh": 3600.0, "kWh": 3.6e6},
+    "J/s": _prefixed("W"),
+    "A": _prefixed("A"),
+    "W/A": _prefixed("V"),
+    "V/A": _prefixed("ohm"),
+    "V s/m^2": _prefixed("T"),
+    # Differences of temperature; the zeros are in TEMPERATURE_SCALES.
+    "K": {"mK": 1e-3, "degC": 1.0, "degF": 1.0 / 1.8},
+    "mol": _prefixed("mol", "kmuµ"),
+    "1": {"%": 1e-2},
+}
+
+#: Unit of a reading, and unit of a scale -> zero of the scale as a reading, and factor: on the
+#: scale, the temperature is (reading - zero) * factor.
+TEMPERATURE_SCALES = {
+    ("K", "degC"): (273.15, 1.0),
+    ("degC", "K"): (-273.15, 1.0),
+    ("degF", "degC"): (32.0, 1.0 / 1.8),
+    ("degF", "K"): (-459.67, 1.0 / 1.8),
+    ("degC", "degF"): (-32.0 / 1.8, 1.8),
+    ("K", "degF"): (273.15 - 32.0 / 1.8, 1.8),
+}
+
+LONGEST_UNIT = 100  # characters
+_FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
+#: Signs, and how they are written here. Letters mu and omega are not the signs of micro and ohm.
+_SIGNS = str.maketrans(
+    {"²": "^2", "³": "^3", "μ": "µ", "°": "deg", "℃": "degC", "Ω": "ohm", "\N{OHM SIGN}": "ohm"}
+)
+
+
+def _plain(unit: str) -> str:
+    """A unit without signs: degC for °C."""
+    return unit.strip().translate(_SIGNS)
+
+
+@lru_cache(maxsize=10_000)
+def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
+    if len(unit) > LONGEST_UNIT:
+        raise ValueError(f"{len(unit)} characters; the limit is {LONGEST_UNIT}")
+    text = _plain(unit)
+    if text in ("", "-"):
+        text = "1"
+    parts = text.split("/")
+    if len(parts) > 2:
+        raise ValueError("more than one '/'")
+    factor = 1.0
+    exponents = [0.0] * len(_BASES)
+    for sign, part in zip((1.0, -1.0), parts, strict=False):
+        if sign < 0.0 and part.strip().startswith("(") and part.strip().endswith(")"):
+            part = part.strip()[1:-1]  # J/(kg K) is J/kg K
+        for token in part.replace("*", " ").replace("·", " ").split():
+            match = _FACTOR.match(token)
+            if match is None or match.group(1) not in ACCEPTED_UNITS:
+                raise ValueError(f"unknown unit {token!r}{_other_case(token)}")
+            power = sign * float(match.group(2) or 1.0)
+            if abs(power) > 10.0:
+                raise ValueError(f"the power of {token!r} is beyond 10")
+            scale, dims = ACCEPTED_UNITS[match.group(1)]
+            factor *= scale**power
+            exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
+    return factor, tuple(exponents)
+
+
+for _dimension, _names in _UNITS_OF.items():
+    _factors = {name: (factor, _parse(_dimension)[1]) for name, factor in _names.items()}
+    ACCEPTED_UNITS.update(_factors)
+
+
+def _other_case(token: str) -> str:
+    """A hint if a unit exists in another case."""
+    near = [name for name in ACCEPTED_UNITS if name.lower() == token.lower()]
+    return f" (did you mean {' or '.join(near)}?)" if near else ""
+
+
+@checked
+def dimension_text(si_unit: str) -> str:
+    """Accepted forms of a quantity with the SI unit ``si_unit``, as text."""
+    try:
+        _, wanted = _parse(si_unit)
+    except ValueError:
+        return si_unit
+    if _has_zero(si_unit):
+        return si_unit
+    same = [
+        name
+        for name, (_, dims) in ACCEPTED_UNITS.items()
+        if dims == wanted and name != "1" and "µ" not in name and not _has_zero(name)
+    ]
+    return ", ".join(same) if same else si_unit
+
+
+@checked
+def conversion_factor(unit: str, si_unit: str) -> float:
+    """Factor that converts a value in ``unit`` to the SI unit of its field.
+
+    Parameters
+    ----------
+    unit
+        As written in a file, for example ``"N/mm"``.
+    si_unit
+        Unit of the field, for example ``"N/m"``.
+
+    Raises
+    ------
+    InvalidParameter
+        The unit is unknown or has another dimension, or is a temperature with another zero
+        (:func:`zero_and_factor`). Radians are a dimension of their own, because an angle is not a
+        plain number; therefore ``1/s`` and ``rad/s`` differ as well.
+    """
+    if unit == si_unit:
+        return 1.0
+    try:
+        factor, dims = _parse(unit)
+    except ValueError as error:
+        raise InvalidParameter(
+            f"unit {unit!r}: {error}; expected a unit of {_with_examples(si_unit)}"
+        ) from None
+    try:
+        target, wanted = _parse(si_unit)
+    except ValueError:  # not a known unit: it can only be converted to itself
+        raise InvalidParameter(
+            f"unit {unit!r} does not measure this quantity; expected {si_unit}"
+        ) from None
+    if any(abs(a - b) > 1e-12 for a, b in zip(dims, wanted, strict=True)):
+        raise InvalidParameter(
+            f"unit {unit!r} does not measure this quantity; expected a unit of "
+            f"{_with_examples(si_unit)}{weight_hint(unit, si_unit)}"
+        )
+    if (_has_zero(unit) or _has_zero(si_unit)) and _plain(unit) != _plain(si_unit):
+        raise InvalidParameter(f"unit {unit!r} has another zero than {si_unit}; expected {si_unit}")
+    return factor / target
+
+
+@checked
+def weight_hint(unit: str, wanted: str) -> str:
+    """The end of a message about a unit of mass in place of one of force; empty: it is another.
+
+    Parameters
+    ----------
+    unit
+        Given unit.
+    wanted
+        Expected unit.
+    """
+    try:
+        dims = _parse(unit)[1], _parse(wanted)[1]
+    except ValueError:
+        return ""
+    if dims != (_parse("kg")[1], _parse("N")[1]):
+        return ""
+    return "; hint: a force in grams has the unit gf (kilograms: kgf, pounds: lbf)"
+
+
+def _has_zero(unit: str) -> bool:
+    """Whether the zero of a unit is not the zero of the quantity."""
+    return _plain(unit) in ("degC", "degF")
+
+
+@checked
+def zero_and_factor(unit: str, other: str) -> tuple[float, float]:
+    """Zero and factor that convert a reading: it is (reading - zero) * factor in the other unit.
+
+    Only temperatures have a zero. See :func:`conversion_factor`.
+
+    Parameters
+    ----------
+    unit
+        Unit of the reading, for example ``"degC"``.
+    other
+        Unit of the result, for example ``"K"``.
+    """
+    scale = TEMPERATURE_SCALES.get((_plain(unit), _plain(other)))
+    return scale or (0.0, conversion_factor(unit, other))
+
+
+def _with_examples(si_unit: str) -> str:
+    """An SI unit, and other units of the quantity if there are any."""
+    others = dimension_text(si_unit)
+    return si_unit if others == si_unit else f"{si_unit} ({others})"
+
+
+@checked
+def convert(value: float, unit: str, si_unit: str) -> float:
+    """Convert ``value`` from ``unit`` to ``si_unit``; see :func:`conversion_factor`.
+
+    Parameters
+    ----------
+    value
+        Number.
+    unit
+        Unit of the value.
+    si_unit
+        SI unit of the result.
+    """
+    return value * conversion_factor(unit, si_unit)
+
+
+_QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.{0,40})?$")
+
+
+@checked
+def number_and_unit(text: str) -> tuple[float, str] | None:
+    """Number and unit of a text, whether or not the unit is known; None if there is no number."""
+    match = _QUANTITY.match(text[:100])
+    return None if match is None else (float(match.group(1)), (match.group(2) or "").strip())
+
+
+@checked
+def split_quantity(text: str) -> tuple[float, str] | None:
+    """Number and unit of a text such as ``"300 ms"``; None if there is no known unit."""
+    found = number_and_unit(text)
+    if found is None:
+        return None
+    try:
+        _parse(found[1])
+    except ValueError:
+        return None
+    return found
+
+
+@checked
+def si_value(text: str) -> float | None:
+    """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
+    found = split_quantity(text)
+    return None if found is None else found[0] * _parse(found[1])[0]
+
+
+text_readers.append(si_value)
+
+#: SI units of quantities that have a usual form.
+_USUAL = (
+    *("1", "m", "kg", "s", "rad", "1/s", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2"),
+    *("rad/s", "rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s"),
+    *("kg/m^3", "N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
+)
+
+
+@checked
+def to_si(unit: str) -> tuple[float, str]:
+    """Factor to SI, and the SI unit, of any accepted unit.
+
+    Of several SI units of one dimension, the unit is the one that is written most alike: N mm is a
+    torque in N m and mJ an energy in J; kg/h is a flow in kg/s and N s/mm a damping in N s/m.
+    Readings in degC and degF are kept, because their scale has another zero than that of K.
+
+    Parameters
+    ----------
+    unit
+        As written in a file, for example ``"L/min"``.
+
+    Raises
+    ------
+    InvalidParameter
+        The unit is unknown.
+    """
+    try:
+        factor, dims = _parse(unit)
+    except ValueError as error:
+        raise InvalidParameter(f"unit {unit!r}: {error}") from None
+    if _has_zero(unit):
+        return 1.0, _plain(unit)
+    same = [usual for usual in _USUAL if _parse(usual)[1] == dims]
+    if same:
+        named = _quantities_in(unit)
+        return factor, max(same, key=lambda usual: len(_quantities_in(usual) & named))
+    powers = dict(zip(_BASES, dims, strict=True))
+    over = " ".join(_power(name, p) for name, p in powers.items() if p > 0.0)
+    under = " ".join(_power(name, -p) for name, p in powers.items() if p < 0.0)
+    return factor, f"{over or '1'}/{under}" if under else over
+
+
+def _quantities_in(unit: str) -> set[tuple[float, ...]]:
+    """Dimensions of the units of which a unit is composed."""
+    tokens = re.findall(r"[^\s/*·()]+", _plain(unit))
+    return {ACCEPTED_UNITS[found[1]][1] for token in tokens if (found := _FACTOR.match(token))}
+
+
+def _power(name: str, power: float) -> str:
+    return name if power == 1.0 else f"{name}^{power:g}"
+
+
+#: SI unit -> (limit of the value, factor, unit) for small values, in ascending order.
+_SMALL = {
+    "m": [(1e-6, 1e6, "um"), (1.0, 1e3, "mm")],
+    "s": [(1.0, 1e3, "ms")],
+    "J": [(1.0, 1e3, "mJ")],
+}
+
+
+@checked
+def readable_unit(value: AnyNumber, unit: str) -> tuple[float, str]:
+    """Factor and unit in which people read a value: small lengths in mm, short times in ms.
+
+    Parameters
+    ----------
+    value
+        Value [``unit``].
+    unit
+        SI unit; without an entry in the list, the factor is 1.
+    """
+    for limit, factor, name in _SMALL.get(unit, []):
+        if abs(value) < limit:
+            return factor, name
+    return 1.0, unit
+
+
+@checked
+def pretty(value: AnyNumber, unit: str) -> tuple[str, str]:
+    """Number with four digits and unit for people: small lengths in mm, short times in ms.
+
+    Parameters
+    ----------
+    value
+        Value [``unit``].
+    unit
+        SI unit.
+    """
+    factor, name = readable_unit(value, unit)
+    return f"{value * factor:.4g}", name
+
+
+@checked
+def unit_suffix(unit: str) -> str:
+    """Text after a number: a space and the unit, or nothing for the unit 1."""
+    return "" if unit == "1" else f" {unit}"

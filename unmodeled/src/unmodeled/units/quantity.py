@@ -1,0 +1,446 @@
+"""Numbers with units in files: parsing, and error messages of one form.
+
+Used by the schema of mechanisms and strokes. A quantity is a number in SI, a text ``"10.5 mm"`` or
+a table ``{ value, unit, source, status, note, printed, sd }``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import numbers
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, cast, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+)
+
+from unmodeled.errors import Error, InvalidParameter, printable, shown
+from unmodeled.units.names import conversion_factor
+
+if TYPE_CHECKING:
+    from pydantic._internal._model_construction import ModelMetaclass
+else:
+    ModelMetaclass = type(BaseModel)
+
+__all__ = [
+    "META_KEYS",
+    "MOST_FAULTS",
+    "SI",
+    "Count",
+    "JointSI",
+    "SIVector",
+    "Schema",
+    "fault_lines",
+    "fault_text",
+    "is_quantity",
+    "keys_of",
+    "parse_scalar",
+    "shortened",
+    "table_at",
+    "unit_of",
+    "validated",
+]
+
+S = TypeVar("S", bound=BaseModel)
+
+META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})
+STATUS = ("measured", "published", "digitised", "assumed", "fitted", "computed", "regulated")
+# Possessive (++, *+): without backtracking, the time is proportional to the length.
+_TEXT = re.compile(r"\s*+([-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?)(.*)", re.DOTALL)
+_FORBIDDEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
+
+
+class _Refusing(ModelMetaclass):
+    """Base of schemas that raise :class:`InvalidParameter` when they are called with values.
+
+    The validation of a whole file (``model_validate``) keeps the exception of pydantic, to list the
+    faults.
+    """
+
+    def __call__(cls, *args: Any, **kwargs: Any) -> Any:
+        try:
+            return super().__call__(*args, **kwargs)
+        except ValidationError as error:
+            faults = fault_lines(error, cast("type[BaseModel]", cls))
+            raise InvalidParameter(fault_text(cls.__name__, faults)) from None
+
+
+class Schema(BaseModel, metaclass=_Refusing):
+    """Base of all file schemas: unknown keys and non-finite numbers are faults, values frozen."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_disguise(cls, value: object, info: ValidationInfo) -> object:
+        """Reject values that pydantic would convert to another type, such as "80" to 80."""
+        _check_letters(value)
+        field = cls.model_fields[str(info.field_name)]
+        if not any(isinstance(m, BeforeValidator) for m in field.metadata):
+            _check_kind(field.annotation, value)
+        return value
+
+
+def _check_letters(value: object) -> None:
+    """Raise ValueError for control characters in a text or in the name of a table.
+
+    They have no use in names or remarks, and would reach file names, labels and pages.
+    """
+    if isinstance(value, str):
+        found = _FORBIDDEN.search(value)
+        if found is not None:
+            raise ValueError(
+                f"got {shortened(repr(value))}, which holds the control character "
+                f"U+{ord(found[0]):04X}; expected printable text"
+            )
+    elif isinstance(value, Mapping):
+        for key in value:
+            _check_letters(key)
+    elif isinstance(value, (list, tuple)):
+        for item in value:
+            if isinstance(item, str):
+                _check_letters(item)
+
+
+def _check_kind(annotation: Any, value: object) -> None:
+    """Raise ValueError if a flag, a number or a text is given instead of another of these types."""
+    origin, inner = get_origin(annotation), get_args(annotation)
+    if origin in (Union, UnionType):
+        for kind in _only_kind(inner, value):
+            _check_kind(kind, value)
+    elif origin is Annotated:
+        if not any(isinstance(a, BeforeValidator) for a in inner[1:]):
+            _check_kind(inner[0], value)
+    elif origin is list and isinstance(value, (list, tuple)):
+        for item in value:
+            _check_kind(inner[0], item)
+    elif origin is dict and isinstance(value, Mapping):
+        for key, item in value.items():
+            try:
+                _check_kind(inner[1], item)
+            except ValueError as error:
+                raise ValueError(f"{key}: {error}") from None
+    elif annotation is bool and not isinstance(value, bool):
+        raise ValueError(f"got {shown(value)}, expected true or false")
+    elif annotation in (int, float) and isinstance(value, (bool, str)):
+        what = "a whole number" if annotation is int else "a number"
+        raise ValueError(f"got {shown(value)}, expected {what}")
+
+
+def _only_kind(kinds: Sequence[Any], value: object) -> list[Any]:
+    """The type of a union that a value must have; empty: there are several, or it may be None."""
+    lists = isinstance(value, list)
+    kinds = [a for a in kinds if a is not NoneType]
+    kinds = [a for a in kinds if (get_origin(a) is list) == lists] or kinds
+    return kinds if len(kinds) == 1 and value is not None else []
+
+
+def shortened(text: str, most: int = 80) -> str:
+    """Text for a message, shortened if it would fill the screen."""
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def is_quantity(node: object) -> bool:
+    """Whether a node of a file is a quantity table."""
+    return isinstance(node, Mapping) and "value" in node and set(node) <= META_KEYS
+
+
+def _number(value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, numbers.Real):  # includes NumPy's
+        raise ValueError(f"got {shown(value)}, expected a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise ValueError(f"got {shown(value)}, expected a finite number")
+    return number
+
+
+def _factor(unit: object, si_unit: str) -> float:
+    if not isinstance(unit, str):
+        raise ValueError(f"got unit {shown(unit)}, expected a text such as {si_unit!r}")
+    if unit == si_unit:  # or a non-mechanical unit, such as the unit of a power of a user's model
+        return 1.0
+    try:
+        return conversion_factor(unit, si_unit)
+    except InvalidParameter as error:
+        raise ValueError(str(error)) from None
+
+
+def _check_table(node: Mapping[str, Any]) -> None:
+    unknown = sorted(set(node) - META_KEYS, key=str)
+    if unknown:
+        raise ValueError(
+            f"unknown key {', '.join(map(str, unknown))} in a quantity; "
+            f"known are {', '.join(sorted(META_KEYS))}"
+        )
+    if "value" not in node:
+        raise ValueError("a quantity needs the key 'value'")
+    status = node.get("status")
+    if status is not None and status not in STATUS:
+        raise ValueError(f"status {shown(status)} is none of {', '.join(STATUS)}")
+
+
+def parse_scalar(node: object, si_unit: str) -> float:
+    """Value of a quantity in ``si_unit``; raises ValueError with the fault."""
+    if isinstance(node, str):
+        match = _TEXT.match(node)
+        if match is None:
+            unit = "" if si_unit == "1" else f" with a unit of {si_unit}"
+            raise ValueError(f"got {shown(node)}, expected a finite number{unit}")
+        unit = match.group(2).strip()
+        if re.match(r",\d", unit):
+            raise ValueError(f"got {shown(node)}, expected a decimal point")
+        return _number(float(match.group(1))) * (_factor(unit, si_unit) if unit else 1.0)
+    if isinstance(node, Mapping):
+        _check_table(node)
+        return _number(node["value"]) * _factor(node.get("unit", si_unit), si_unit)
+    return _number(node)
+
+
+def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
+    factor = 1.0
+    if isinstance(node, Mapping):
+        _check_table(node)
+        factor = _factor(node.get("unit", si_unit), si_unit)
+        node = node["value"]
+    if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
+        raise ValueError(f"got {shown(node)}, expected {length} numbers")
+    return tuple(
+        _limited(parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor, si_unit)
+        for v in node
+    )
+
+
+#: Largest value by SI unit. Differences of longer lengths would lose the size of a felt.
+_LARGEST = {"m": 1e6}
+
+
+def _limited(value: float, si_unit: str) -> float:
+    most = _LARGEST.get(si_unit, math.inf)
+    if abs(value) > most:
+        raise ValueError(f"got {value:g} {si_unit}, expected at most {most:g} {si_unit}")
+    return value
+
+
+@dataclass(frozen=True)
+class _InUnit(BeforeValidator):
+    """Validator that stores its unit."""
+
+    si_unit: str = ""
+    by_joint: tuple[str, ...] = ()
+
+
+def SI(si_unit: str) -> BeforeValidator:
+    """Annotation of a float field: any accepted form is converted to ``si_unit``."""
+    return _InUnit(lambda node: _limited(parse_scalar(node, si_unit), si_unit), si_unit=si_unit)
+
+
+def _parse_count(node: object) -> int:
+    """Integer, bare or as a table with its source; raises ValueError with the fault."""
+    value: object = node
+    if isinstance(node, Mapping):
+        _check_table(node)
+        if node.get("unit", "1") != "1":
+            raise ValueError(f"got unit {node['unit']!r}, expected a count: no unit, or '1'")
+        value = node["value"]
+    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
+        raise ValueError(f"got {shortened(repr(value))}, expected a whole number")
+    return int(value)
+
+
+def Count() -> BeforeValidator:
+    """Annotation of an int field that may have a source: an integer or a quantity table."""
+    return BeforeValidator(_parse_count)
+
+
+def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
+    """Annotation of a field of ``length`` floats in ``si_unit``."""
+    return _InUnit(lambda node: _parse_vector(node, si_unit, length), si_unit=si_unit)
+
+
+def JointSI(revolute: str, prismatic: str, contact: str | None = None) -> BeforeValidator:
+    """Annotation of a field whose unit depends on its joint or contact."""
+    units = (revolute, prismatic, prismatic if contact is None else contact)
+
+    def parse(node: object) -> float:
+        for si in units:
+            try:
+                return parse_scalar(node, si)
+            except ValueError as error:
+                if "does not measure" not in str(error):
+                    raise
+        unit = node["unit"] if isinstance(node, Mapping) else node
+        known = ", ".join(dict.fromkeys(units))
+        raise ValueError(f"got unit {shown(unit)}, expected a unit of {known}")
+
+    return _InUnit(parse, si_unit=revolute, by_joint=units)
+
+
+def _mark(model: type[BaseModel], field: str) -> _InUnit | None:
+    info = model.model_fields[field]
+    marks = [*info.metadata, *(m for arg in get_args(info.annotation) for m in get_args(arg))]
+    return next((mark for mark in marks if isinstance(mark, _InUnit)), None)
+
+
+def unit_of(model: type[BaseModel], field: str, joint: str = "revolute") -> str | None:
+    """SI unit of a field annotated by :func:`SI`, :func:`SIVector` or :func:`JointSI`; else None.
+
+    ``joint``: what the field belongs to: ``revolute``, ``prismatic`` or ``contact``.
+    """
+    mark = _mark(model, field)
+    if mark is None or not mark.by_joint:
+        return None if mark is None else mark.si_unit
+    return mark.by_joint[("revolute", "prismatic", "contact").index(joint)]
+
+
+_LIMITS = {
+    "greater_than": ("gt", ">"),
+    "greater_than_equal": ("ge", ">="),
+    "less_than": ("lt", "<"),
+    "less_than_equal": ("le", "<="),
+}
+
+
+def keys_of(model: type[BaseModel]) -> str:
+    """Keys of a table with their SI units as text: the required ones, and the others."""
+    keys: dict[bool, list[str]] = {True: [], False: []}
+    for name, field in model.model_fields.items():
+        mark = _mark(model, name)
+        units = [] if mark is None else list(dict.fromkeys(mark.by_joint or (mark.si_unit,)))
+        unit = "" if units in ([], ["1"]) else f" [{' or '.join(units)}]"
+        keys[field.is_required()].append(f"{field.alias or name}{unit}")
+    texts = [f"required: {', '.join(keys[True])}"] if keys[True] else []
+    texts += [f"optional: {', '.join(keys[False])}"] if keys[False] else []
+    return shortened("; ".join(texts), 500)
+
+
+def table_at(model: type[BaseModel], loc: tuple[Any, ...]) -> type[BaseModel] | None:
+    """Schema of the table that contains ``loc``; None if any name is permitted."""
+    current: Any = model
+    for part in loc[:-1]:
+        if isinstance(current, type) and issubclass(current, BaseModel):
+            field = current.model_fields.get(str(part))
+            current = field.annotation if field is not None else None
+        else:
+            arguments = getattr(current, "__args__", ())
+            current = arguments[-1] if arguments else None
+        while current is not None and not isinstance(current, type):
+            inner = [a for a in getattr(current, "__args__", ()) if a is not type(None)]
+            if getattr(current, "__origin__", None) is dict:
+                break
+            current = inner[0] if inner else None
+    return current if isinstance(current, type) and issubclass(current, BaseModel) else None
+
+
+def _fields_at(model: type[BaseModel], loc: tuple[Any, ...]) -> list[str]:
+    """Names of the fields of the table that contains ``loc``; empty if any name is permitted."""
+    table = table_at(model, loc)
+    return [f.alias or name for name, f in table.model_fields.items()] if table else []
+
+
+def _plain_input(node: object) -> str:
+    """Input without the surrounding table."""
+    if is_quantity(node):
+        assert isinstance(node, Mapping)
+        unit = node.get("unit", "")
+        return f"{shown(node['value'])} {'' if unit == '1' else unit}".strip()
+    return shown(node)
+
+
+MOST_FAULTS = 100
+"""Largest number of faults of a file in a message; for the others, only their number is stated."""
+
+
+def fault_text(origin: str, faults: Sequence[str], most: int = MOST_FAULTS) -> str:
+    """Message that lists the faults of a file, at most ``most`` of them."""
+    count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
+    shown = [shortened(printable(f), 1000) for f in faults[:most]]
+    if len(faults) > most:
+        shown.append(f"... and {len(faults) - most} more")
+    return f"{origin}: {count}\n" + "\n".join(f"  {f}" for f in shown)
+
+
+def validated(model: type[S], raw: object, origin: str, error: type[Error] = InvalidParameter) -> S:
+    """Tables as objects of the schema; otherwise one error with all faults."""
+    try:
+        return model.model_validate(raw)
+    except ValidationError as fault:
+        raise error(fault_text(origin, fault_lines(fault, model))) from None
+
+
+#: Faults of a value that is no finite number.
+_NO_NUMBER = ("float_type", "finite_number")
+
+
+def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
+    """One line for each fault: place, value, expectation, hint.
+
+    Lines after :data:`MOST_FAULTS`, which are not shown, only have the place, because hints take
+    time.
+    """
+    lines: list[str] = []
+    items = error.errors(include_url=False)
+    neither = [i["loc"][:-1] for i in items if i["type"] in _NO_NUMBER and i["loc"][-1] == "float"]
+    for item in items:
+        if item["loc"][-1:] == ("str",) and item["loc"][:-1] in neither:
+            continue  # the fault of a number or text is told once
+        loc = tuple(p for p in item["loc"] if p != "function-before")
+        kind = item["type"]
+        number_or_text = loc[-1:] == ("float",) and kind in _NO_NUMBER
+        where = ".".join(str(p) for p in (loc[:-1] if number_or_text else loc)) or "file"
+        if len(lines) >= MOST_FAULTS:
+            lines.append(f"{where}: {kind}")
+            continue
+        if number_or_text:
+            kind = "number_or_text"
+        lines.append(f"{where}: {_told(kind, item, where, loc, model)}")
+    return [shortened(line, 1000) for line in lines]
+
+
+#: Fault by its type in pydantic: ``got`` is the input, ``ctx`` the numbers of the limit.
+_FAULTS = {
+    "number_or_text": "got {got}, expected a finite number or a text",
+    "literal_error": "got {got}, expected {ctx[expected]}",
+    "value_error": "{ctx[error]}",
+    **dict.fromkeys(("model_type", "dict_type"), "got {got}, expected a table"),
+    **dict.fromkeys(("list_type", "tuple_type"), "got {got}, expected a list"),
+    **{
+        kind: f"got {{got}}, must be {sign} {{ctx[{key}]:g}}"
+        for kind, (key, sign) in _LIMITS.items()
+    },
+}
+
+
+def _told(
+    kind: str, item: Mapping[str, Any], where: str, loc: tuple[Any, ...], model: type[BaseModel]
+) -> str:
+    """What is wrong, what was expected, and a hint."""
+    if kind == "missing":
+        table = table_at(model, loc)
+        return "is missing" + (f"; {keys_of(table)}" if table else "")
+    if kind == "extra_forbidden":
+        known = _fields_at(model, loc)
+        near = difflib.get_close_matches(str(loc[-1]), known, n=1)
+        hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
+        return "unknown key" + (hint if known else "")
+    got = _plain_input(item.get("input"))
+    if kind not in _FAULTS:
+        return f"got {got}: {item['msg'].lower()}"
+    text = _FAULTS[kind].format(got=got, ctx=item.get("ctx", {}))
+    if kind in ("list_type", "tuple_type") and "{" in got:
+        text += f"; hint: [[{where}]] in place of [{where}]"
+    return text

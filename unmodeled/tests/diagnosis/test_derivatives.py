@@ -1,0 +1,102 @@
+"""Derivatives of residuals by all unknowns, against differences of residuals."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from unmodeled import Coordinate, Equations, Options, Parameter, Record, Sensor, State, library
+from unmodeled.data import StartPrior
+from unmodeled.search.linear import Ask, Point, count_global, evaluate, local_of
+from unmodeled.search.problem import Member
+from unmodeled.search.records import prepare, ready_records
+
+MASS = Coordinate(name="mass", position="x", speed="v", inertia="m")
+
+
+def rates(t, x, u, p):
+    del t
+    return x.v, (u.f - p.k * x.x - p.d * x.v) / p.m
+
+
+def slide(duration=4.0, samples=401):
+    """A mass on a spring that is driven by two sines, and a record of its inputs."""
+    model = Equations(
+        name="slide",
+        states=[State(name="x", unit="m", scale=0.01), State(name="v", unit="m/s", scale=0.1)],
+        parameters=[
+            Parameter(name="m", value=2.0, sd=0.1, unit="kg"),
+            Parameter(name="k", value=300.0, sd=30.0, unit="N/m"),
+            Parameter(name="d", value=6.0, sd=3.0, unit="N s/m"),
+        ],
+        inputs={"f": "N"},
+        rates=rates,
+        outputs={"position": "x"},
+        coordinates=[MASS],
+    )
+    t = np.linspace(0.0, duration, samples)
+    f = 4.0 * np.sin(9.0 * t) + 2.0 * np.sin(4.0 * t)
+    record = Record(
+        name="run",
+        time=t,
+        inputs={"f": f},
+        outputs={"position": 0.01 * np.sin(9.0 * t)},
+        sensors={"position": Sensor(name="position", unit="m", sigma=1e-5)},
+    )
+    return model, record
+
+
+EFFECTS = (
+    library.dry_friction(MASS, scale=1.0, speed=0.1),
+    library.hysteresis(MASS, scale=1.0, travel=0.01),
+    library.sensor_saturation(["position"], "position", highest=(0.008, 0.01), lowest=(-0.01,)),
+)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"),
+    [("dry friction mass", 0.01), ("hysteresis mass", (0.004, 2.0))],
+)
+def test_derivatives_by_all_unknowns_are_those_of_the_simulation(name, shape):
+    model, record = slide()
+    problem = prepare(ready_records(model, [record]), EFFECTS, (), Options())
+    (which,) = [i for i, c in enumerate(problem.causes) if c.name == name]
+    members = (Member(which, shape),)
+    x = np.zeros(count_global(problem, members))
+    x[len(problem.free)] = 0.8
+    local = tuple(np.zeros(len(local_of(problem, members, o))) for o in problem.fit)
+
+    def residual(at):
+        ask = Ask(members, Point(at, local), problem.fit, derivatives=False)
+        return evaluate(problem, [ask])[0][0].residual
+
+    exact = evaluate(problem, [Ask(members, Point(x, local), problem.fit)])[0][0].by_global
+    for k in range(x.size):
+        step = np.zeros_like(x)
+        step[k] = 1e-3
+        differences = (residual(x - step) - residual(x + step)) / 2e-3
+        error = np.linalg.norm(exact[..., k] - differences)
+        assert error < 0.01 * np.linalg.norm(differences), k
+
+
+def test_derivatives_of_a_late_record_are_those_of_the_late_motion():
+    model, record = slide()
+    sensor = replace(record.sensors["position"], delay_sd=0.02)
+    start = StartPrior(mean={"x": 0.0, "v": 0.0}, sd={"x": 0.01, "v": 0.1})
+    late = replace(record, sensors={"position": sensor}, start=start)
+    problem = prepare(ready_records(model, [late]), EFFECTS, (), Options())
+    assert [q.kind for q in problem.fit[0].local] == ["start", "start", "delay"]
+    start = np.array([*np.full(len(problem.free), 0.3), 0.5, -0.7, 1.5])
+
+    def at(values, derivatives=False):
+        point = Point(values[:-3], (values[-3:],))
+        return evaluate(problem, [Ask((), point, problem.fit, derivatives=derivatives)])[0][0]
+
+    found = at(start, derivatives=True)
+    exact = np.concatenate([found.by_global, found.by_local], axis=2)
+    for k, step in enumerate(1e-3 * np.eye(start.size)):
+        differences = (at(start - step).residual - at(start + step).residual) / 2e-3
+        error = np.linalg.norm(exact[..., k] - differences)
+        assert error < 0.01 * np.linalg.norm(differences), k

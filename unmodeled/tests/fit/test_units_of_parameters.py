@@ -1,0 +1,162 @@
+"""A stated unit is the unit of the number; the function gets SI, or the unit that it states."""
+
+import numpy as np
+import pytest
+
+import unmodeled
+from unmodeled import Options, Record, Sensor
+from unmodeled.cli.models import Stated
+from unmodeled.errors import InvalidParameter
+from unmodeled.fit import Effect, Exposed, Parameter
+from unmodeled.fit.model import prior_jobs
+from unmodeled.loading import load_model
+
+TIME = np.linspace(0.0, 2.0, 60)
+POUND = 0.45359237
+
+
+def records(mass=2.0, extra=0.0):
+    found = []
+    for k in range(3):
+        u = np.sin((k + 1) * TIME)
+        noise = 1e-3 * np.random.default_rng(k).standard_normal(TIME.size)
+        y = (mass + extra) * u + noise
+        found.append(
+            Record(
+                name=f"r{k}",
+                time=TIME,
+                inputs={"u": u},
+                outputs={"y": y},
+                sensors={"y": Sensor(name="y", sigma=1e-3, unit="N")},
+            )
+        )
+    return found
+
+
+def function_of(got, units=None):
+    """A function that writes down what it gets."""
+
+    def load(time, inputs, parameters):
+        got.append(dict(parameters))
+        return {"y": inputs["u"] * sum(parameters.values())}
+
+    if units:
+        load.units = units
+    return load
+
+
+def simulator(got, units=None, **given):
+    given.setdefault("parameters", {"m": (4.41, 0.22, "lb")})
+    return unmodeled.Simulator(function_of(got, units), **given)
+
+
+def equations(got, units=None, **given):
+    def rates(t, x, u, p):
+        got.append(dict(p._values))
+        return ((u.u * sum(p._values.values()) - x.y) / 1e-3,)
+
+    if units:
+        rates.units = units
+    given.setdefault("parameters", {"m": (4.41, 0.22, "lb")})
+    return unmodeled.Equations(
+        rates, states={"y": (0.0, 0.1, "N")}, method="rosenbrock", hold="linear", **given
+    )
+
+
+@pytest.mark.parametrize("kind", [simulator, equations])
+def test_the_function_gets_si_and_a_note_tells_it(kind):
+    model = kind([], bounds={"m": (4.0, 5.0)})
+    (p,) = model.parameters
+    assert (p.value, p.sd) == pytest.approx((4.41 * POUND, 0.22 * POUND))
+    assert (p.lower, p.upper) == pytest.approx((4.0 * POUND, 5.0 * POUND))
+    assert p.unit == "kg"
+    ready = model.ready(records())
+    record = ready.records[0]
+    force = ready.model.simulate(record, prior_jobs(ready.model, record))[0, -1, 0]
+    assert force == pytest.approx(4.41 * POUND * record.inputs["u"][-1], rel=0.01)
+    (note,) = [n for n in ready.notes if "units: " in n]
+    assert "m = 2.00034 kg (4.41 lb)" in note
+    assert ".units = {'m': 'lb'}" in note
+
+
+@pytest.mark.parametrize("kind", [simulator, equations])
+def test_the_function_gets_the_unit_that_it_states(kind):
+    got = []
+    model = kind(got, {"m": "g"})
+    (p,) = model.parameters
+    assert (p.value, p.sd, p.unit) == (pytest.approx(4410 * POUND), pytest.approx(220 * POUND), "g")
+    (same,) = kind(got, {"m": "lb"}).parameters
+    assert (same.value, same.unit) == (4.41, "lb")
+    (bare,) = kind(got, {"m": "lb"}, parameters={"m": (4.41, 0.22)}).parameters
+    assert (bare.value, bare.unit) == (4.41, "lb")
+    with pytest.raises(InvalidParameter, match="parameter m: unit 'lb' does not measure"):
+        kind(got, {"m": "s"})
+
+
+@pytest.mark.parametrize("kind", [simulator, equations])
+def test_parameter_objects_follow_the_same_rule(kind):
+    own = Parameter(name="m", value=4.41, sd=0.22, unit="lb", lower=4.0, process_sd=0.1)
+    (p,) = kind([], parameters=[own], bounds={"m": (0.0, 5.0)}).parameters
+    assert p.unit == "kg"
+    assert (p.value, p.sd, p.lower, p.upper, p.process_sd) == pytest.approx(
+        tuple(POUND * v for v in (4.41, 0.22, 4.0, 5.0, 0.1))
+    )
+
+
+@pytest.mark.parametrize("kind", [simulator, equations])
+def test_unknown_effects_follow_the_same_rule(kind):
+    forms = {
+        "a": (10.0, 50.0, "g"),
+        "b": Exposed(scale=50.0, neutral=10.0, upper=80.0, unit="g"),
+        "c": Effect(name="c", component="c", scale=50.0, upper=80.0, unit="g"),
+        "d": "g",
+    }
+    model = kind([], unknown=forms, bounds={"a": (0.0, 90.0)})
+    a, b, c, d = model.effects
+    assert {e.unit for e in model.effects} == {"kg"}
+    assert (a.scale, b.scale, c.scale) == pytest.approx((0.05, 0.05, 0.05))
+    assert (a.lower, a.upper) == pytest.approx((-0.01, 0.08))
+    assert (b.upper, c.upper, d.scale) == pytest.approx((0.07, 0.08, 1.0))
+
+
+@pytest.mark.parametrize("kind", [simulator, equations])
+def test_an_unknown_unit_is_refused(kind):
+    for given in (
+        {"parameters": {"m": (2.0, 0.1, "kgs")}},
+        {"parameters": [Parameter(name="m", value=2.0, unit="kgs")]},
+        {"unknown": {"loss": "kgs"}},
+        {"unknown": {"loss": (0.0, 0.1, "kgs")}},
+    ):
+        with pytest.raises(InvalidParameter, match=r"parameter (m|loss): unit 'kgs': unknown unit"):
+            kind([], **given)
+
+
+def test_the_command_line_and_python_give_the_function_the_same(tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text(
+        "def load(time, inputs, parameters):\n"
+        "    return {'y': inputs['u'] * sum(parameters.values())}\n"
+        "def pounds(time, inputs, parameters):\n    return load(time, inputs, parameters)\n"
+        "pounds.units = {'m': 'lb'}\n"
+    )
+    stated = Stated(("m=4.41lb±0.2lb",), ("extra=50g",))
+    given = {"parameters": stated.parameters, "unknown": stated.causes}
+    model = load_model(f"{path}:load", **given).model
+    own = simulator([], parameters={"m": (4.41, 0.2, "lb")}, unknown={"extra": (0, 50, "g")})
+    assert model.parameters == own.parameters
+    assert [(e.scale, e.unit) for e in model.effects] == [(e.scale, e.unit) for e in own.effects]
+    kept = load_model(f"{path}:pounds", **given).model
+    assert kept.parameters[0].value == 4.41
+
+
+def test_the_answer_of_a_diagnosis_is_in_the_unit_of_the_function():
+    for units, unit, mass in ((None, "kg", 2.0), ({"m": "lb"}, "lb", 4.5)):
+        report = simulator([], units).diagnose(records(mass), effects=[], options=Options(most=1))
+        (p,) = report.parameters
+        assert (p.value, p.unit) == (pytest.approx(mass, rel=1e-3), unit)
+
+
+def test_an_effect_in_another_unit_than_its_parameter_is_refused():
+    extra = Effect(name="extra mass", component="load", unit="g", scale=50.0, data="m")
+    with pytest.raises(InvalidParameter, match=r"extra mass: is in g .*parameter m, .* in kg"):
+        simulator([]).diagnose(records(), effects=[extra])
