@@ -478,6 +478,6 @@ def test_a_compiler_that_fails_is_told(monkeypatch, tmp_path):
     with pytest.raises(InvalidParameter, match=r"^false -O3 .* fails"):
         compile.build(tmp_path)
     monkeypatch.delenv("CXX")
-    monkeypatch.setattr(compile.shutil, "which", lambda _: None)
+    monkeypatch.setattr("shutil.which", lambda _: None)
     with pytest.raises(InvalidParameter, match="no C\\+\\+ compiler: got neither CXX nor c\\+\\+"):
         compile.build(tmp_path)
