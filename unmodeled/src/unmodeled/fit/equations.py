@@ -1,4 +1,4 @@
-"""A model from a right-hand side in Python, integrated for all jobs simultaneously."""
+"""A model from a right-hand side in Python, traced and integrated for all jobs together."""
 
 from __future__ import annotations
 
@@ -62,8 +62,10 @@ class Equations(Model):
     Parameters
     ----------
     rates
-        ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
-        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry per job.
+        ``rates(t, x, u, p)`` returns the rates in the order of the states. It is traced: called
+        with symbols as ``x.q``, ``u.force``, ``p.mass``, on which operators and the functions of
+        NumPy for numbers work. If it cannot be traced, it is called with arrays of all jobs, (B,),
+        or with numbers, which takes longer and is told.
     states
         Name -> unit, or ``(start, sd of the start, unit)``; with the unit alone, the start is
         unknown. Or a list of :class:`State`.
