@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from calls import refused
+from scipy.integrate import solve_ivp
 
 import feltmb
 from feltmb.contact import CORE_LAWS, LAWS, law
