@@ -5,8 +5,9 @@
     python bench/speed/mujoco_models.py arm7 --package OTHER/python       # and that of another tree
 
 Each case runs in processes of its own, in turn. The models are made here: a reacher of two links
-(two records, six causes) and an arm with seven position servos whose fourth joint has 4 instead of
-1 N m of friction, among all default candidates.
+(two records, six causes), an arm with seven position servos and meshes whose fourth joint has 4
+instead of 1 N m of friction, and a quadruped on a floor with 1.2 instead of 0.3 N m in a knee, both
+among all default candidates.
 """
 
 import argparse
@@ -26,13 +27,15 @@ import unmodeled
 REACHER = """<mujoco model="reacher">
   <compiler angle="radian" inertiafromgeom="true"/>
   <option timestep="0.01" integrator="RK4"/>
-  <default><joint armature="1" damping="1"/><geom contype="0" conaffinity="0" density="300000"/></default>
+  <default><joint armature="1" damping="1"/>
+    <geom contype="0" conaffinity="0" density="300000"/></default>
   <worldbody><body name="body0" pos="0 0 .01"><joint name="joint0" axis="0 0 1"/>
     <geom type="capsule" fromto="0 0 0 .1 0 0" size=".01"/>
     <body name="body1" pos=".1 0 0"><joint name="joint1" axis="0 0 1" limited="true" range="-3 3"/>
       <geom type="capsule" fromto="0 0 0 .1 0 0" size=".01"/>
       <body name="tip" pos=".11 0 0"><geom size=".01"/></body></body></body></worldbody>
-  <actuator><motor name="m0" joint="joint0" gear="200"/><motor name="m1" joint="joint1" gear="200"/></actuator>
+  <actuator><motor name="m0" joint="joint0" gear="200"/>
+    <motor name="m1" joint="joint1" gear="200"/></actuator>
 </mujoco>"""
 
 #: axis, length of the link [m], mass [kg], friction [N m], damping [N m s/rad], kp, kv, force.
@@ -48,43 +51,69 @@ LINKS = (
 HOME = (0.0, -0.25, 0.0, 0.9, 0.0, 0.6, 0.0)
 
 
-def arm(meshes: int = 0) -> str:
-    """An arm with seven position servos."""
+def arm() -> str:
+    """An arm with seven position servos, whose links have meshes that are only seen."""
     inside, actuators = "", ""
     for k, (axis, length, mass, friction, damping, kp, kv, force) in reversed(
         list(enumerate(LINKS, 1))
     ):
         inside = f"""<body name="link{k}" pos="0 0 {LINKS[k - 2][1] if k > 1 else 0.1}">
           <joint name="joint{k}" axis="{axis}" frictionloss="{friction}" damping="{damping}"
-          armature="0.1"/> <geom type="capsule" size=".04" mass="{mass}" fromto="0 0 0 .02 0
-          {length}" contype="0" conaffinity="0"/>
+            armature="0.1"/>
+          <geom type="capsule" size=".04" mass="{mass}" fromto="0 0 0 .02 0 {length}"
+            contype="0" conaffinity="0"/>
+          <geom type="mesh" mesh="link{k}" mass="0" contype="0" conaffinity="0"/>
           {inside}</body>"""
         actuators = (
             f'<position name="act{k}" joint="joint{k}" kp="{kp}" kv="{kv}" '
             f'forcerange="-{force} {force}"/>' + actuators
         )
     home = " ".join(map(str, HOME))
+    meshes = "".join(
+        f'<mesh name="link{k}" file="link.obj" scale="{0.04 + 0.001 * k} .04 .04"/>'
+        for k in range(1, len(LINKS) + 1)
+    )
     return f"""<mujoco model="arm"><option timestep="0.002" integrator="implicitfast"/>
+      <asset>{meshes}</asset>
       <worldbody>{inside}</worldbody><actuator>{actuators}</actuator>
       <keyframe><key name="home" qpos="{home}" ctrl="{home}"/></keyframe></mujoco>"""
 
 
-def measured(text, change, controls, outputs, step, every, noise, start=None):
-    """Records by MuJoCo alone, of a model whose compiled fields ``change`` sets."""
+def write_ball(path: Path, rings: int = 60, around: int = 100) -> None:
+    """A ball of some thousand faces, as of a drawing."""
+    lines = []
+    for i in range(rings + 1):
+        up = np.pi * (i + 0.5) / (rings + 1)
+        for j in range(around):
+            turn = 2.0 * np.pi * j / around
+            x, y = np.sin(up) * np.cos(turn), np.sin(up) * np.sin(turn)
+            lines.append(f"v {x:.6f} {y:.6f} {np.cos(up):.6f}")
+    for i in range(rings):
+        for j in range(around):
+            a, b = 1 + i * around + j, 1 + i * around + (j + 1) % around
+            lines += [f"f {a} {a + around} {b}", f"f {b} {a + around} {b + around}"]
+    path.write_text("\n".join(lines) + "\n")
+
+
+def measured(path, change, controls, outputs, step, every, noise, start=None, skip=0):
+    """Records by MuJoCo alone, of a model whose compiled fields ``change`` sets.
+
+    ``skip``: positions of a free base, which are not measured.
+    """
     import mujoco
 
     from unmodeled import Record, Sensor
 
-    model = mujoco.MjModel.from_xml_string(text)
+    model = mujoco.MjModel.from_xml_path(str(path))
     change(model)
     found = []
     for seed, control in enumerate(controls):
         data = mujoco.MjData(model)
         if start is not None:
             mujoco.mj_resetDataKeyframe(model, data, start)
-        seen = np.empty((len(control), model.nq))
+        seen = np.empty((len(control), model.nq - skip))
         for row, values in zip(seen, control, strict=True):
-            row[:] = data.qpos
+            row[:] = data.qpos[skip:]
             data.ctrl[:] = values
             mujoco.mj_step(model, data, every)
         seen += noise * np.random.default_rng(seed).standard_normal(seen.shape)
@@ -120,7 +149,7 @@ def reacher(folder):
     path.write_text(REACHER)
     names = ("joint0", "joint1")
     controls = [waves(k, 200, 0.01, 2, 0.02, (3.0, 15.0)) for k in (1, 2)]
-    records = measured(REACHER, change, controls, names, 0.01, 1, 1e-3)
+    records = measured(path, change, controls, names, 0.01, 1, 1e-3)
     prior = {f"{n}.damping": (None, 0.1) for n in names}
     effects = [f"{n}.{w}" for n in names for w in ("frictionloss", "armature", "backlash")]
     return unmodeled.mujoco(path, parameters=prior), records, effects
@@ -133,13 +162,63 @@ def arm7(folder):
 
     path = folder / "arm.xml"
     path.write_text(arm())
+    write_ball(folder / "link.obj")
     controls = [np.array(HOME) + waves(k, 250, 0.01, 7, 0.25, (1.0, 5.0)) for k in (1, 2, 3)]
     names = tuple(f"joint{k}" for k in range(1, 8))
-    records = measured(arm(), change, controls, names, 0.002, 5, 1e-4, start=0)
+    records = measured(path, change, controls, names, 0.002, 5, 1e-4, start=0)
     return unmodeled.mujoco(path, key="home"), records, None
 
 
-CASES = {"reacher": reacher, "arm7": arm7}
+LEG = """<body name="{n}hip" pos="{x} {y} 0"><joint name="{n}abduct" axis="1 0 0" class="j"/>
+  <geom type="capsule" size=".03" fromto="0 0 0 0 {w} 0" mass=".6"/>
+  <body name="{n}thigh" pos="0 {w} 0"><joint name="{n}swing" axis="0 1 0" class="j"/>
+    <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2" mass=".9"/>
+    <body name="{n}calf" pos="0 0 -.2"><joint name="{n}knee" axis="0 1 0" class="j"/>
+      <geom type="capsule" size=".015" fromto="0 0 0 0 0 -.2" mass=".2"/>
+      <geom name="{n}foot" class="foot" pos="0 0 -.2"/></body></body></body>"""
+
+
+def quadruped_text() -> str:
+    """A quadruped with a free base and twelve position servos, which stands on a floor."""
+    legs = {
+        f"{a}{b}_": LEG.format(n=f"{a}{b}_", x=x, y=y, w=w)
+        for a, x in (("f", 0.2), ("r", -0.2))
+        for b, y, w in (("l", 0.05, 0.08), ("r", -0.05, -0.08))
+    }
+    joints = [f"{n}{j}" for n in legs for j in ("abduct", "swing", "knee")]
+    drives = "".join(
+        f'<position name="{j}_set" joint="{j}" kp="60" kv="2" forcerange="-30 30"/>' for j in joints
+    )
+    pose = " ".join(["0 0.7 -1.4"] * 4)
+    return f"""<mujoco model="quadruped"><option timestep="0.002" integrator="implicitfast"/>
+      <default><geom contype="0" conaffinity="0"/>
+        <default class="j"><joint damping="0.5" frictionloss="0.3" armature="0.01"/></default>
+        <default class="foot"><geom size=".022" conaffinity="1" friction="0.8"/></default></default>
+      <worldbody><geom type="plane" size="5 5 .1" contype="1" conaffinity="0"/>
+        <body name="trunk" pos="0 0 .325"><freejoint/>
+          <geom type="box" size=".2 .06 .05" mass="6"/>{"".join(legs.values())}</body></worldbody>
+      <actuator>{drives}</actuator>
+      <keyframe><key name="home" qpos="0 0 .325 1 0 0 0 {pose}" ctrl="{pose}"/></keyframe>
+      </mujoco>"""
+
+
+def quadruped(folder):
+
+    def change(model):
+        model.joint("fl_knee").frictionloss[0] = 1.2
+
+    path = folder / "quadruped.xml"
+    path.write_text(quadruped_text())
+    pose = np.tile((0.0, 0.7, -1.4), 4)
+    controls = [pose + waves(k, 200, 0.01, 12, 0.08, (2.0, 8.0)) for k in (1, 2, 3)]
+    model = unmodeled.mujoco(path, key="home")
+    legs = ("fl_", "fr_", "rl_", "rr_")
+    joints = [f"{n}{j}" for n in legs for j in ("abduct", "swing", "knee")]
+    records = measured(path, change, controls, joints, 0.002, 5, 2e-4, start=0, skip=7)
+    return model, records, None
+
+
+CASES = {"reacher": reacher, "arm7": arm7, "quadruped": quadruped}
 
 
 def run(case: str, seconds: float, full: bool) -> None:

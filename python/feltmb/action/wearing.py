@@ -50,7 +50,7 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
     "up_weight": ("up weight", "g", GRAM),
     "twice": ("soft strikes that strike twice", "%", 0.01),
     "caught": ("soft strike until the hammer stands in check", "ms", 1e-3),
-    "key_return": ("key back after the release", "ms", 1e-3),
+    "hammer_return": ("hammer back after the release", "ms", 1e-3),
     "return_force": ("largest force of the return", "N", 1.0),
 }
 #: The numbers of the table and picture of :func:`wear`.
@@ -60,6 +60,8 @@ WEAR_NUMBERS = tuple(NUMBERS)[:6]
 SOFT, RISEN, HELD = (1.4, 1.5, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0), 0.03, 0.5
 #: Strokes of the strike and of the release, and the begin of the release [s].
 STRIKE, RELEASE, RELEASED = "piano", "press_release", 0.45
+#: When the finger lets a held press of 4 N go, with 3 N upward [s].
+LET_GO = 0.22
 #: A hammer that moves by less, and is held in this last time, stands in check [m, s].
 SWING, STANDS = 3e-3, 0.02
 #: Part of the range of a screw in the targets by which it is turned.
@@ -100,7 +102,7 @@ def measure(action: Action) -> dict[str, float]:
     def _repetition(action: Action) -> dict[str, float]:
         return {"repetition": highest_rate(action, key_travel(action)).rate}
 
-    for part in (_static, _strike, _soft, _release, _repetition):
+    for part in (_static, _strike, _soft, _release, _return, _repetition):
         try:
             found |= part(action)
         except InvalidParameter:
@@ -169,9 +171,20 @@ def _release(action: Action) -> dict[str, float]:
         for c, contact in action.config.contacts.items()
         if int(c) != strike and contact.enabled
     ]
-    back = run.strikes.get("key_return_time", ())
-    last = float(back.iloc[-1]) if len(back) else math.nan
-    return {"key_return": last - RELEASED, "return_force": float(max(forces, default=math.nan))}
+    return {"return_force": float(max(forces, default=math.nan))}
+
+
+def _return(action: Action) -> dict[str, float]:
+    """Time from the release of a held press until the hammer is back by 80 % of its blow."""
+    from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import table_stroke
+
+    time, force = [0.0, 0.02, 0.028, LET_GO, LET_GO + 8e-3], [-3.0, -3.0, 4.0, 4.0, -3.0]
+    stroke = table_stroke(time, force, interpolation="linear", duration=LET_GO + 0.5)
+    run = simulate(with_finger(action), stroke, ledger=False, output_rate=2000.0)
+    gap = -run[f"contact{action.config.reading.strike_contact:02d}.compression"]
+    near = run.time[gap < 0.8 * gap[0]]
+    return {"hammer_return": float(near[-1]) - LET_GO if near.size else math.nan}
 
 
 # ---------------------------------------------------------------- the changed mechanisms
@@ -400,7 +413,7 @@ MATTERS = {
     "up_weight": 5.0,
     "twice": 20.0,
     "caught": 30.0,
-    "key_return": 20.0,
+    "hammer_return": 20.0,
     "return_force": 3.0,
 }
 

@@ -71,7 +71,7 @@ def _analyzed(file: Path, key_ratio: float | None, whippen: float | None) -> Bal
     return analyze(read_keyboard(file), key_ratio=key_ratio, whippen_weight=weight)
 
 
-@declare("weights", command)
+@declare("weights", command, "Balance, outliers, list of work of a keyboard.")
 def weights(
     file: Path = argument(),
     key_ratio: float | None = RATIO,
@@ -143,7 +143,7 @@ def weights(
     save_figure(image, lambda: draw(balance), force=force)
 
 
-@declare("action", command)
+@declare("action", command, "Set up the action of one key.")
 def action(
     file: Path = argument(),
     key: int = argument(count(1, 108)),
@@ -209,16 +209,10 @@ def _curve(points: tuple[str, ...]) -> VelocityCurve:
     return VelocityCurve([v for v, _ in found], [n for _, n in found])
 
 
-@declare("sensor", command)
-def sensor(
+@declare("sensor", command, "What a sensor reads in a stroke.")
+def sensor_command(
     action: str = ACTION,
-    name: str = option(
-        "Packaged sensor or TOML file.",
-        default="reflective",
-        words="--sensor",
-        metavar="FILE",
-        complete=packaged("sensors"),
-    ),
+    sensor: str = SENSOR,
     stroke: str | None = option(
         "Packaged stroke, TOML or CSV file; default: a press to --speed.", metavar="FILE"
     ),
@@ -238,7 +232,7 @@ def sensor(
     from feltmb.run.stroke import load_stroke
 
     check_targets(out, pictures=(image,), force=force)
-    described, curve = load_sensor(name), _curve(points)
+    described, curve = load_sensor(sensor), _curve(points)
     played = gesture([Press(speed, 2.0)], "press") if stroke is None else load_stroke(stroke)
     setup, record = sensed(load_action(action), played, described, seed=seed)
     for note in described.notes:
@@ -252,7 +246,7 @@ def sensor(
     save_figure(image, lambda: record.plot(setup), force=force)
 
 
-@declare("strokes", command)
+@declare("strokes", command, "Write labelled records (Parquet).")
 def strokes(
     action: str = ACTION,
     sensor: str = SENSOR,
@@ -282,7 +276,7 @@ def strokes(
     say_written(out)
 
 
-@declare("score", command)
+@declare("score", command, "Score an algorithm against the truth.")
 def score_of(
     algorithm: str = argument(),
     given: Path | None = option(
@@ -341,7 +335,7 @@ def score_of(
     save_figure(image, result.plot, force=force)
 
 
-@declare("play", command)
+@declare("play", command, "Play a MIDI file on an action.")
 def play_file(
     file: Path = argument(),
     action: str = ACTION,

@@ -107,6 +107,7 @@ class Score:
             BLUE,
             CYCLE,
             GRAY,
+            PALE,
             RED,
             head_line,
             new_figure,
@@ -118,19 +119,19 @@ class Score:
         head_line(figure, f"{self.name}: {len(self.strikes)} strikes in {self.records} records")
         upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(3, 2, 2))
         for color, (kind, part) in zip(CYCLE, self.strikes.groupby("kind"), strict=False):
-            dots: dict[str, Any] = {"ms": 3.0, "alpha": 0.6, "color": color, "label": str(kind)}
+            dots: dict[str, Any] = {"ms": 3.0, "color": color, "label": str(kind)}
             upper.plot(part["speed"], 100.0 * part["speed_error"], ".", **dots)
             middle.plot(part["speed"], 1e3 * part["time_error"], ".", **dots)
         upper.axhline(0.0, color=GRAY, lw=0.8)
         middle.axhline(0.0, color=GRAY, lw=0.8)
         lows = [*LEVELS.values(), max(7.0, 1.02 * float(self.strikes["speed"].max()))]
         missed = self.strikes.loc[self.strikes["speed_error"].isna(), "speed"]
-        for values, color, label, place in (
-            (missed, RED, "missed", 0.3), (self.false["speed"], BLUE, "false", 0.7),
-        ):  # fmt: skip
+        bars = ((self.strikes["speed"], PALE, "true"), (missed, RED, "missed"),
+                (self.false["speed"], BLUE, "false"))  # fmt: skip
+        for k, (values, color, label) in enumerate(bars):
             counts, _ = np.histogram(values, lows)
-            left = np.array(lows[:-1]) * (np.array(lows[1:]) / lows[:-1]) ** place
-            lower.bar(left, counts, width=0.12 * left, color=color, label=label)
+            left = np.array(lows[:-1]) * (np.array(lows[1:]) / lows[:-1]) ** (0.25 * (k + 1))
+            lower.bar(left, counts, width=0.1 * left, color=color, label=label)
         lower.set_xscale("log")
         lower.set_xlim(lows[0] * 0.95, lows[-1])
         middles = [math.sqrt(a * b) for a, b in pairwise(lows)]

@@ -43,9 +43,7 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 class Sensor(Schema):
     """Description of a sensor; the file of ``feltmb keyboard sensor`` has these keys.
 
-    ``travel`` and ``reading`` are its curve: share of the travel (0 at rest, 1 where the hammer
-    meets the string, or where the key meets its punching) and share of the full scale. A curve that
-    rises and falls has branches: one reading belongs to several travels.
+    A curve that rises and falls has branches: one reading belongs to several travels.
     """
 
     schema_version: Annotated[Literal[1], Field(alias="schema")] = 1
@@ -53,7 +51,9 @@ class Sensor(Schema):
     about: str = ""
     at: Literal["hammer", "key", "both"] = "hammer"
     travel: Annotated[tuple[float, ...], Field(min_length=2, max_length=1000)] = (0.0, 1.0)
+    """Travels of the curve [1]: 0 at rest, 1 where hammer and string, or key and punching, meet."""
     reading: Annotated[tuple[Share, ...], Field(min_length=2, max_length=1000)] = (0.0, 1.0)
+    """Readings at these travels, share of the full scale [1]; they may rise and fall."""
     place: Annotated[float, Field(gt=0.0, le=1.0)] = 0.9
     """Where the hammer is seen: share of the way from its center to the strike point."""
     bits: Annotated[int, Field(ge=4, le=24)] = 12

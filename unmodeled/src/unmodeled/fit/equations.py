@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import System, Traces, sensitivities, simulated, untraced
+from unmodeled.fit.batch import sensitivities, simulated
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
 from unmodeled.fit.model import (
     BETWEEN,
@@ -41,6 +41,7 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
+from unmodeled.fit.traces import System, Traces, untraced
 from unmodeled.units import same_unit, to_si
 
 __all__ = [
@@ -278,9 +279,9 @@ class Equations(Model):
             fault = fault or f"{', '.join(bad)} at t = {record.time[0]:g} s and {at}"
         if fault:
             raise InvalidParameter(
-                f"model {self.name}: its rate of {fault}, where record {records[0].name} begins, "
-                "is no finite number; expected one there. If a state has no meaning at zero, give "
-                "its start: states={'h': (1.0, 0.1, 'm')}"
+                f"model {self.name}: it gives no finite outputs: its rate of {fault}, where record "
+                f"{records[0].name} begins, is no finite number, expected one. If a state has no "
+                "meaning at zero, give its start: states={'h': (1.0, 0.1, 'm')}"
             )
 
     def _scaled(self, records: Sequence[Record]) -> Equations:

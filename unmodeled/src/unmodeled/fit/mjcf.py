@@ -15,7 +15,7 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
-from unmodeled.fit.mjcf_changes import controls, quiet
+from unmodeled.fit.mjcf_changes import controls
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.model import Candidate, Ready
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
@@ -88,8 +88,8 @@ class MujocoModel(Simulator):
                 found.append(f"{name} by {error:.2g} (rms{beside})")
         if found:
             yield (
-                f"model {self.name}: half its time step changes {', '.join(found)}: {step:.4g} s is "
-                "a long step, whose error may be taken for a cause"
+                f"model {self.name}: half its time step changes {', '.join(found)}: {step:.4g} s "
+                "is a long step, whose error may be taken for a cause"
             )
 
     @property
@@ -143,8 +143,6 @@ class MujocoModel(Simulator):
         if assets and path.absolute().parent != source:  # their files stay where they are
             patched.meshdir = (source / patched.meshdir).as_posix()
             patched.texturedir = (source / patched.texturedir).as_posix()
-        with quiet():
-            patched.compile()
         told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
         comment = f"<!-- {told.replace('--', '- -')} -->\n"
         return write_text(path, comment + patched.to_xml(), force=force)
@@ -167,9 +165,28 @@ def mujoco(
 ) -> MujocoModel:
     """A MuJoCo model as a model; requires the package ``mujoco``.
 
-    Properties have the names ``JOINT.damping``, ``JOINT.frictionloss``, ``JOINT.armature``,
-    ``JOINT.stiffness``, ``JOINT.backlash`` (half of the clearance: a second joint with this range),
-    ``ACTUATOR.gain``, ``ACTUATOR.gear`` and ``BODY.mass``.
+    Properties are numbers of the compiled model, with these names and units (of a slide, of a
+    hinge):
+
+    ``JOINT.damping``, ``.frictionloss``, ``.armature``, ``.stiffness``
+        As in MJCF.
+    ``JOINT.backlash``
+        Half of the clearance [m, rad]: a second joint with this range. Not for a joint that is
+        followed by another one of its body.
+    ``JOINT.offset_x``, ``_y``, ``_z``
+        Place of the axis in the frame of its body [m].
+    ``ACTUATOR.kp``, ``.kv``, ``.gain``, ``.gear``, ``.force``
+        Stiffness and damping of a servo, gain of another actuator, ratio of the gear, and limit of
+        the force, if the file has the same on both sides.
+    ``BODY.mass``
+        Mass [kg], with the inertia in proportion.
+    ``BODY.center_x``, ..., ``BODY.inertia_x``, ...
+        Center of mass [m] and principal inertias [kg m^2].
+    ``BODY.payload``, ``BODY.payload_x``, ...
+        Attached point mass [kg], and its place in the frame of the body [m]; without a place it is
+        at the center of mass.
+    ``gravity.tilt_x``, ``gravity.tilt_y``
+        Rotation of the gravity about an axis of the world [rad].
 
     Parameters
     ----------
@@ -179,8 +196,9 @@ def mujoco(
         Fitted properties with their priors; the value None is that of the file:
         ``{"hip.damping": (None, 0.1)}``.
     unknown
-        Properties that are effects; default: all of every hinge and slide, and gain and gear of
-        every servo. (The gain of a motor is that of its input.)
+        Properties that are effects; default: damping, friction, armature, stiffness and backlash
+        of every hinge and slide, all of every servo, payloads of the outermost bodies, and the
+        tilt of the gravity. (The gain of a motor is that of its input.)
     inputs
         Default: the actuators that the records have.
     outputs
@@ -195,13 +213,16 @@ def mujoco(
         Time before a record with its first inputs [s].
     hold
         Input between samples: constant, or ``"linear"``.
-    workers, name
-        As for :class:`Simulator`; default of the name: the name of the file.
+    workers
+        Number of threads; default: number of cores.
+    name
+        As for :class:`Simulator`; default: the name of the file.
 
     Raises
     ------
     InvalidParameter
-        MuJoCo is not installed, the file is not MJCF, or it does not have a property.
+        MuJoCo is not installed, the file is not MJCF, or it does not have a property, an actuator
+        or a keyframe of this name.
     """
     path = Path(path).absolute()
     function = Mjcf(path, key, settle, hold, workers)

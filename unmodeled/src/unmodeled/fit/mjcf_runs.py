@@ -32,9 +32,6 @@ __all__ = ["Mjcf"]
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.
 STEPS, WORTH_A_THREAD = 20_000, 2_000
-#: Displacement of a center of mass by which MuJoCo takes a body as one whose mass is not at its
-#: joint [m]; the run sets the true one.
-ASIDE = 1e-9
 #: Fields that changes without influence on other fields set.
 CHANGED = ("dof_damping", "dof_frictionloss", "jnt_stiffness", "jnt_range", "actuator_gainprm",
            "actuator_biasprm", "actuator_forcerange")  # fmt: skip
@@ -64,6 +61,7 @@ class _Player:
         mj = import_mujoco()
         self.model, self.data, self.stop = model, data, stop
         self.rollout = mj.rollout.Rollout(nthread=0).rollout
+        self.spec = mj.mjtState.mjSTATE_CTRL.value
         full = mj.mjtState.mjSTATE_FULLPHYSICS.value
         self.state = np.empty(mj.mj_stateSize(model, full))
         mj.mj_getState(model, data, self.state, full)
@@ -83,12 +81,20 @@ class _Player:
         while done < len(controls):
             if self.stop.is_set():
                 raise KeyboardInterrupt
-            state, read = self.rollout(
-                self.model,
-                self.data,
+            count = len(controls) - done
+            state = np.empty((1, count, self.state.size))
+            read = np.empty((1, count, self.model.nsensordata))
+            self.rollout(
+                [self.model],
+                [self.data],
                 self.state[None],
                 controls[None, done:],
+                control_spec=self.spec,
+                skip_checks=True,
+                nstep=count,
                 initial_warmstart=self.warm,
+                state=state,
+                sensordata=read,
             )
             # A warning ends a rollout: its last rows repeat the state.
             clock = np.diff(state[0, :, 0], prepend=self.state[0])
@@ -185,16 +191,21 @@ class Mjcf:
         """
         late = {n: v for n, v in values.items() if n.endswith(".delay")}
         changed = self._changed({n: v for n, v in values.items() if n not in late})
-        with quiet():
-            spec = self.spec.copy()
-            add_backlash(spec, self.model, _slack(changed))
-            model = spec.compile()
-            set_properties(model, changed, self.properties)
-            spec.copy_back(model)
+        spec = self.spec.copy()
         for name, value in late.items():
             actuator = spec.actuator(name.removesuffix(".delay"))
             actuator.delay = value
             actuator.nsample = int(np.ceil(value / float(self.model.opt.timestep))) + 2
+        add_backlash(spec, self.model, _slack(changed))
+        try:
+            with quiet():
+                model = spec.compile()
+                set_properties(model, changed, self.properties)
+                spec.copy_back(model)
+                spec.compile()
+        except ValueError as error:
+            told = ", ".join(f"{n} = {v:.4g}" for n, v in values.items())
+            raise InvalidParameter(f"{self.path}: is no MJCF with {told}: {error}") from None
         return spec
 
     def _structure(self, changed: Mapping[str, float]) -> _Structure:
@@ -225,21 +236,16 @@ class Mjcf:
         spec.compiler.discardvisual = not visual
         add_backlash(spec, self.model, slack)
         for b in aside:
-            body, own = spec.body(self.model.body(b).name), self.model.body(b)
-            body.explicitinertial, body.mass = True, float(own.mass[0])
-            body.inertia, body.iquat = own.inertia.copy(), own.iquat.copy()
-            body.ipos = own.ipos + ASIDE
-        model = spec.compile()
-        for b in aside:
-            model.body_ipos[b] = self.model.body_ipos[b]
-        return model
+            spec.body(self.model.body(b).name).simple = False
+        return spec.compile()
 
     # --------------------------------------------------------------------------------------- runs
 
     def __call__(  # noqa: D102
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
     ) -> dict[str, Array]:
-        (found,) = self.run_all([Run("", time, dict(inputs), dict(parameters))])
+        driven = {n: inputs[n] for n in controls(self.model) if n in inputs}
+        (found,) = self.run_all([Run("", time, driven, dict(parameters))])
         return found
 
     def run_all(self, runs: Sequence[Run]) -> list[dict[str, Array]]:
@@ -318,13 +324,13 @@ class Mjcf:
                 held = table[at]
                 if self.hold == "linear":
                     held += ((part + 0.5) / parts)[:, None] * (table[at + 1] - held)
+                if at[-1] + 2 == time.size and part[-1] + 1 == parts:  # readings at the end
+                    held = np.concatenate([held, table[-1:]])
                 if not (stable and player.play(held, step)):
                     return False
-                ends, begins = part == parts - 1, part == 0
+                ends, begins = np.flatnonzero(part == parts - 1), part == 0
                 seen[at[ends] + 1, :moving] = player.motions[ends]
-                seen[at[begins], moving:] = player.sensors[begins]
-        if not player.play(table[-1:], base):
-            return False
+                seen[at[begins], moving:] = player.sensors[: part.size][begins]
         seen[-1, moving:] = player.sensors[-1]
         return True
 

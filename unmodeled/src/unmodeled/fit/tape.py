@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 
-__all__ = ["FUNCTIONS", "NAMES", "TABLES", "Code", "Fragment", "NotTraceable", "Symbol", "Tape"]
+__all__ = [
+    "ARGUMENTS",
+    "FUNCTIONS",
+    "NAMES",
+    "TABLES",
+    "Code",
+    "Fragment",
+    "NotTraceable",
+    "Symbol",
+    "Tape",
+]
 
 Code = NDArray[np.int32]
 #: A quantity of a tape: its place among the nodes.
@@ -78,6 +88,10 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "slope": _slope,
 }
 NAMES = tuple(FUNCTIONS)
+_PAIRS = ("add", "subtract", "multiply", "divide", "minimum", "maximum", "power", "arctan2", "less",
+          "less_equal", "equal")  # fmt: skip
+#: Numbers of arguments by code.
+ARGUMENTS = tuple(3 if n == "where" else 2 if n in _PAIRS else 1 for n in NAMES)
 _CODE = {name: k for k, name in enumerate(NAMES)}
 #: Largest number of branches on a path through a function, and of paths.
 BRANCHES, PATHS = 16, 64
