@@ -261,7 +261,7 @@ def pool(
     count = len(tests)
     if count < 2:
         raise InvalidParameter(f"pool: got {count} specimens, expected at least 2")
-    fits = tuple(_fit_loading(test, law, thickness) for test in tests)
+    fits = tuple(fit_law(test, law, thickness=thickness) for test in tests)
     end = min(float(f.compression[-1]) for f in fits)
     grid = end * np.linspace(0.0, 1.0, 201)[1:]
     forces = np.array([np.interp(grid, f.compression, f.force) for f in fits])
@@ -487,6 +487,10 @@ def fit_law(
         raise DataError(f"{test.name}: no column of time, expected one for the law {law}")
     if law == "maxwell":
         return _fit_relaxation(test)
-    if law == "stulov" or law == "rate":
-        return _fit_rate(test, law)
-    return _fit_loading(test, law, thickness)
+    rate = law == "stulov" or law == "rate"
+    found = _fit_rate(test, law) if rate else _fit_loading(test, law, thickness)  # type: ignore[arg-type]
+    if not test.by_thickness or "zero" not in found.values:
+        return found
+    ends = {k: (-high, -low) for k, (low, high) in found.interval.items() if k == "zero"}
+    values = {**found.values, "zero": -found.values["zero"]}  # as the thickness is read
+    return replace(found, values=values, interval={**found.interval, **ends})
