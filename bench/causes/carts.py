@@ -72,18 +72,23 @@ TERMS = {
 }
 
 
-def simulated(clock: np.ndarray, forces: np.ndarray, p: Mapping[str, float]) -> np.ndarray:
-    """Positions by semi-implicit Euler with two steps a sample, (records, samples)."""
-    x = np.zeros(len(forces))
-    v, out, h = x.copy(), np.empty_like(forces), 0.5 * (clock[1] - clock[0])
-    for i in range(forces.shape[1]):
-        out[:, i] = x
-        for _ in range(2):
-            spring = np.sign(x) * np.maximum(np.abs(x) - p["bl"], 0.0)
-            push = forces[:, i] - p["k"] * spring - p["d"] * v - p["k3"] * x**3
+def simulated(clock: np.ndarray, forces: np.ndarray, p: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Positions by the leapfrog method with four steps a sample, (runs, records, samples).
+
+    ``forces`` have this shape, and each number is a column (runs, 1). Halves of this step change the
+    positions by less than the noise.
+    """
+    x = np.zeros(forces.shape[:2])
+    v, out, h = x.copy(), np.empty_like(forces), 0.25 * (clock[1] - clock[0])
+    for i in range(forces.shape[2]):
+        out[..., i] = x
+        for _ in range(4):
+            x = x + 0.5 * h * v
+            spring = x - np.clip(x, -p["bl"], p["bl"])
+            push = forces[..., i] - p["k"] * spring - p["d"] * v - p["k3"] * x**3
             v = v + h / p["m"] * (push - p["c2"] * np.abs(v) * v + p["f0"])
-            v = np.sign(v) * np.maximum(np.abs(v) - h * p["fc"] / p["m"], 0.0)
-            x = x + h * v
+            v = v - np.clip(v, -h / p["m"] * p["fc"], h / p["m"] * p["fc"])
+            x = x + 0.5 * h * v
     return out
 
 
@@ -95,13 +100,31 @@ def by_bic(table: pd.DataFrame, most: int = 3) -> tuple[list[str], dict[str, flo
     clock = runs[0].time.to_numpy()
     forces, measured_x = (np.array([r[c] for r in runs]) for c in ("force", "x"))
     neutral = {name: 0.0 for name, *_ in TERMS.values()}
+    steps = {name: 1e-3 * sd for name, (_, sd) in PRIOR.items()}
+    steps |= {name: 1e-3 * scale for name, scale, _ in TERMS.values()}
 
-    def residual(given: Any) -> np.ndarray:
-        p = neutral | given.valuesdict()
-        late = np.array([np.interp(clock - p["tau"], clock, f) for f in forces])
-        x = (1.0 + p["gs"]) * simulated(clock, (1.0 + p["g"]) * late, p) + p["o"]
-        left = np.nan_to_num((x - measured_x) / NOISE, nan=1e6, posinf=1e6, neginf=-1e6).ravel()
-        return np.append(left, [(p[n] - value) / sd for n, (value, sd) in PRIOR.items()])
+    def outputs(given: Any) -> np.ndarray:
+        """Residuals (samples, 1 + parameters): at the values, and a step further in each."""
+        values = given.valuesdict()
+        rows = [neutral | values]
+        rows += [rows[0] | {name: rows[0][name] + steps[name]} for name in values]
+        p = {name: np.array([[row[name]] for row in rows]) for name in rows[0]}
+        late = [[np.interp(clock - t, clock, f) for f in forces] for (t,) in p["tau"]]
+        x = simulated(clock, (1.0 + p["g"])[..., None] * np.array(late), p)
+        x = (1.0 + p["gs"])[..., None] * x + p["o"][..., None]
+        left = np.nan_to_num((x - measured_x) / NOISE, nan=1e6, posinf=1e6, neginf=-1e6)
+        prior = [(p[n] - value) / sd for n, (value, sd) in PRIOR.items()]
+        return np.hstack([left.reshape(len(rows), -1), *prior]).T
+
+    def residual(given: Any, kept: dict[str, np.ndarray]) -> np.ndarray:
+        kept["at"], kept["all"] = np.array(list(given.valuesdict().values())), outputs(given)
+        return kept["all"][:, 0]
+
+    def slopes(given: Any, kept: dict[str, np.ndarray]) -> np.ndarray:
+        values = given.valuesdict()
+        if not np.array_equal(kept["at"], list(values.values())):
+            residual(given, kept)
+        return (kept["all"][:, 1:] - kept["all"][:, :1]) / [steps[name] for name in values]
 
     def fitted(terms: Sequence[str], start: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         parameters = lmfit.Parameters()
@@ -110,8 +133,8 @@ def by_bic(table: pd.DataFrame, most: int = 3) -> tuple[list[str], dict[str, flo
         for term in terms:
             name, scale, least = TERMS[term]
             parameters.add(name, start.get(name, scale), min=least)
-        out = lmfit.minimize(residual, parameters, method="least_squares", diff_step=1e-5,
-                             max_nfev=15)  # fmt: skip
+        out = lmfit.minimize(residual, parameters, args=({},), method="least_squares", jac=slopes,
+                             x_scale="jac", ftol=1e-6, max_nfev=40)  # fmt: skip
         bic = out.chisqr + len(parameters) * np.log(measured_x.size)
         return float(bic), dict(out.params.valuesdict())
 
