@@ -43,7 +43,3 @@ def compile_tape(source: Path, folder: Path) -> Path:
         raise RuntimeError(f"{' '.join(command)} fails: {done.stderr.strip()[:500]}")
     part.replace(path)
     return path
-
-
-if __name__ == "__main__":
-    print(compile_tape(SOURCE, Path(sys.argv[1]) if sys.argv[1:] else SOURCE.parent))  # noqa: T201

@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import System, Traces, sensitivities, simulated, untraced
+from unmodeled.fit.batch import sensitivities, simulated
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
 from unmodeled.fit.model import (
     BETWEEN,
@@ -41,6 +41,7 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
+from unmodeled.fit.traces import System, Traces, untraced
 from unmodeled.units import same_unit, to_si
 
 __all__ = [
