@@ -121,7 +121,8 @@ def by_bic(
         x = (1.0 + p["gs"])[..., None] * x + p["o"][..., None]
         left = np.nan_to_num((x - measured_x) / NOISE, nan=1e6, posinf=1e6, neginf=-1e6)
         prior = [(p[n] - value) / sd for n, (value, sd) in PRIOR.items()]
-        return np.hstack([left.reshape(len(rows), -1), *prior]).T
+        table: np.ndarray = np.hstack([left.reshape(len(rows), -1), *prior]).T
+        return table
 
     def residual(given: Any, kept: dict[str, np.ndarray]) -> np.ndarray:
         kept["at"], kept["all"] = np.array(list(given.valuesdict().values())), outputs(given)
@@ -131,7 +132,8 @@ def by_bic(
         values = given.valuesdict()
         if not np.array_equal(kept["at"], list(values.values())):
             residual(given, kept)
-        return (kept["all"][:, 1:] - kept["all"][:, :1]) / [steps[name] for name in values]
+        table: np.ndarray = kept["all"][:, 1:] - kept["all"][:, :1]
+        return table / [steps[name] for name in values]
 
     def fitted(terms: Sequence[str], start: Mapping[str, float]) -> tuple[float, dict[str, float]]:
         parameters = lmfit.Parameters()
