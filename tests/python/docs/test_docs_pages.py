@@ -30,6 +30,7 @@ HOWTO = sorted(
 TUTORIALS = [f"docs/tutorials/first_{n}.md" for n in ("stroke", "felt", "diagnosis", "machine")]
 PAGES = [
     "README.md",
+    "unmodeled/README.md",
     *TUTORIALS,
     "docs/explanation/gap.md",
     "docs/explanation/tracing.md",
@@ -49,7 +50,8 @@ def test_page_shows_what_comes(page, tmp_path):
 
 
 def test_links_of_the_pages_lead_somewhere():
-    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md")]
+    patterns = ("*.md", "docs/**/*.md", "examples/*.md", "unmodeled/*.md")
+    pages = [p for pattern in patterns for p in ROOT.glob(pattern)]
     # The build of the site writes the reference and checks the links into it.
     generated = ROOT / "docs" / "reference" / "generated"
     lost = []
