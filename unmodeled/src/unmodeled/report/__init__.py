@@ -193,7 +193,7 @@ def _changes(result: Result) -> _Section:
         if best := _probabilities(result)[:2]:
             tested = joined([f"{name} ({percent(p)})" for name, p in best])
             lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
-    elif result.parameters and not any(p.moved for p in result.parameters):
+    elif not (result.changes or any(p.moved for p in result.parameters)) and result.parameters:
         lines.append("All tabulated values are inside the 95 % intervals.")
     return _Section("Changes", lines, [_item(c) for c in result.changes])
 
