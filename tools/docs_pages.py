@@ -22,6 +22,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib
 import io
 import itertools
 import os
@@ -149,12 +150,11 @@ def compare(expected: list[str], got: list[str], tolerance: float) -> str:
 
 
 def call(command: str) -> list[str]:
-    """Output of a command on both streams; ``feltmb`` and scripts run in this process."""
+    """Output of a command on both streams; our commands and scripts run in this process."""
     words = shlex.split(command, comments=True)
     said = io.StringIO()
-    if words[0] == "feltmb" and not {"|", ">", "&&", ";"} & set(words):
-        from feltmb.cli import main
-
+    if words[0] in ("feltmb", "unmodeled") and not {"|", ">", "&&", ";"} & set(words):
+        main = importlib.import_module(f"{words[0]}.cli").main
         spread = [p for w in words[1:] for p in (_files(w) if "*" in w else [w])]
         with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
             try:

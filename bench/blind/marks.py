@@ -58,13 +58,17 @@ class Truth:
     """Patterns of names that are neither right nor false."""
     accuracy: float = 0.05
     """Relative accuracy that ``numbers`` need in a case of this kind."""
+    engineer: float = math.nan
+    """Rms of the held-out records by least squares with the right set [unit of the output]."""
     about: str = ""
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> Truth:
         """Truth from a stored one."""
         causes = tuple(Cause(tuple(c["right"]), tuple(c["near"])) for c in plain["causes"])
-        return cls(**{**plain, "causes": causes, "free": tuple(plain["free"])})
+        best = plain.get("engineer")
+        own = {"causes": causes, "free": tuple(plain["free"])}
+        return cls(**{**plain, **own, "engineer": math.nan if best is None else best})
 
 
 Interval = tuple[float, float, float]
@@ -90,7 +94,13 @@ class Answer:
     """Size of the residual of held-out records, with the fitted parameters alone and with what is
     named, in one unit."""
     said: str = ""
-    """First line, or the error."""
+    """Reasons of the verdict, or the error."""
+    supported: tuple[str, ...] = ()
+    """Causes that improve the prediction of held-out records for sure, without a name."""
+    first: str = ""
+    """First sentence that a user reads."""
+    predicted: float = math.nan
+    """Rms of the held-out records with what is told [unit of the output], worst channel."""
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> Answer:
@@ -104,6 +114,8 @@ class Answer:
                 "seconds": math.nan if plain["seconds"] is None else plain["seconds"],
                 "classes": tuple(tuple(c) for c in plain["classes"]),
                 "moved": tuple(plain["moved"]),
+                "supported": tuple(plain.get("supported", ())),
+                "predicted": math.nan if plain.get("predicted") is None else plain["predicted"],
                 "held_out": None if plain["held_out"] is None else tuple(plain["held_out"]),
             }
         )
@@ -196,6 +208,18 @@ class Marked:
         return mark(self.truth, self.answer)
 
     @property
+    def over_engineer(self) -> float:
+        """Held-out residual over that of least squares with the right set [1]; NaN: not known."""
+        return self.answer.predicted / self.truth.engineer
+
+    @property
+    def falsely_supported(self) -> list[str]:
+        """Supported causes that are not in the machine."""
+        accepted = [p for c in self.truth.causes for p in (*c.right, *c.near)]
+        accepted += self.truth.free
+        return [n for n in self.answer.supported if not _matches([n], accepted)]
+
+    @property
     def line(self) -> str:
         """As one line of a file of results."""
         plain = {
@@ -277,6 +301,13 @@ def table(cases: Sequence[Marked]) -> dict[str, str]:
     spent = [c.answer.seconds for c in cases if math.isfinite(c.answer.seconds)]
     if spent:
         rows["CPU s, median / most"] = f"{median(spent):.1f} / {max(spent):.0f}"
+    left = [c.over_engineer for c in cases if math.isfinite(c.over_engineer)]
+    if left:
+        rows["held out within 1.1 of an engineer"] = f"{sum(v <= 1.1 for v in left)} of {len(left)}"
+    told = [n for c in cases for n in c.answer.supported]
+    if told:
+        false = [n for c in cases for n in c.falsely_supported]
+        rows["supported members that are not in the machine"] = f"{len(false)} of {len(told)}"
     gains = _gains(cases)
     if gains:
         rows["held-out residual after / before, median"] = f"{median(gains):.2f} ({len(gains)})"

@@ -20,6 +20,7 @@ import hashlib
 import importlib
 import io
 import json
+import math
 import os
 import resource
 import signal
@@ -72,6 +73,9 @@ def diagnosed(model: Any, effects: Sequence[Any], records: Sequence[Any], budget
         {c.cause: (c.magnitude, c.low, c.high) for c in told if not c.parameter},
         held_out=None if gain is None else (1.0, float(gain[0])),
         said=", ".join(r.value for r in result.reasons),
+        supported=tuple(name(c) for c in getattr(result, "supported", ())),
+        first=result.summary(),
+        predicted=result.worst.held_out_explained,
     )
 
 
@@ -249,7 +253,11 @@ def main() -> None:
             told = [*answer.named, *(" | ".join(c) for c in answer.classes)]
             print(
                 f"{name} {n}: {marked.mark}: {truth.about} -> {answer.verdict} "
-                f"{', '.join(told)}; {answer.seconds:.0f} s",
+                f"{', '.join(told)}"
+                + (f"; supported: {', '.join(answer.supported)}" if answer.supported else "")
+                + f"; held out {marked.over_engineer:.3g} of an engineer"
+                * math.isfinite(marked.over_engineer)
+                + f"; {answer.seconds:.0f} s: {answer.first}",
                 flush=True,
             )
         answered = [m for (s, n), m in read(path).items() if s == name and n in numbers]

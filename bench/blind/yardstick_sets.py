@@ -19,13 +19,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from blind import rigs
 from blind.imperfect.generate import load
 from blind.imperfect.machines import TABLES
 from blind.imperfect.stated import stated, to_records
 from blind.marks import Cause, Truth
+from blind.task import Task
 from unmodeled import (
     Coordinate,
-    Effect,
     Equations,
     LinearModel,
     Parameter,
@@ -52,16 +53,6 @@ ACTION_SEED, ACTION_CASES = 20270102, 60
 RTOL = 1e-6
 #: Time after the turn of the hammer that counts in the set ``small`` [s].
 AFTER_TURN = 0.08
-
-
-@dataclass(frozen=True)
-class Task:
-    """One case, as an engine gets it, and its truth."""
-
-    model: Any
-    effects: Sequence[Effect]
-    records: Sequence[Record]
-    truth: Truth
 
 
 @dataclass(frozen=True)
@@ -299,7 +290,7 @@ def _tanks() -> Task:
 G, ARM, LENGTH = 9.80665, 0.078, 0.15  # m/s^2, kg, m
 
 
-def _go1() -> Task:
+def _go1(sigma: float | None = 2e-3) -> Task:
     """Motor of a robot leg; records with 2 kg are fitted, those with 0 kg are held out."""
     table = np.loadtxt(DATA / "unitree_go1.csv", delimiter=",", skiprows=1)
     records = []
@@ -317,7 +308,7 @@ def _go1() -> Task:
                 time=t,
                 inputs=inputs,
                 outputs={"position": q},
-                sensors={"position": Sensor(name="position", unit="rad", sigma=2e-3)},
+                sensors={"position": Sensor(name="position", unit="rad", sigma=sigma)},
                 role="fit" if mass[0] > 0.0 else "held_out",
                 start=StartPrior(mean={"q": float(q[0]), "v": 0.0}, sd={"q": 5e-3, "v": 0.05}),
             )
@@ -359,11 +350,13 @@ def _go1() -> Task:
     )
     about = (
         "motor of a leg, dry friction of 0.08 to 0.14 N m and viscous of 0.04 to 0.055 N m s/rad"
+        f"{', noise not told' * (sigma is None)}"
     )
-    return Task(model, effects, records, Truth("effect", causes, about=about))
+    truth = Truth("effect", causes, engineer=0.0371, about=about)
+    return Task(model, effects, records, truth)
 
 
-MEASURED = (_emps, _silverbox, _tanks, _go1)
+MEASURED = (_emps, _silverbox, _tanks, _go1, *rigs.MEASURED, functools.partial(_go1, None))
 
 
 # ---------------------------------------------------------------- trials
@@ -654,6 +647,7 @@ SETS: dict[str, Set] = {
         action(ACTION_SEED, ACTION_CASES),
         Set("measured", len(MEASURED), _of(MEASURED)),
         Set("trials", len(TRIALS), _of(TRIALS)),
+        Set("signals", len(rigs.SIGNALS), _of(rigs.SIGNALS)),
         Set("stories", len(_story_names()), _story, _make_stories),
     )
 }

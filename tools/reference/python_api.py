@@ -22,6 +22,7 @@ MODULES = (
     "unmodeled.experiment",
     "feltmb.adapters",
     "feltmb.action.actuator",
+    "feltmb.keyboard",
     "feltmb.run.quasistatic",
     "feltmb.mechanism.parameters",
     "feltmb.run.batch",

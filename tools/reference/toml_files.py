@@ -23,6 +23,7 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
     from feltmb.action.regulate import Targets
     from feltmb.adapters.library import LibraryFile
     from feltmb.fiber.material import FeltMaterial
+    from feltmb.keyboard import Sensor
     from feltmb.mechanism import MechanismFile
     from feltmb.run.stroke.files import StrokeFile
     from unmodeled.data.sheet import Sheet
@@ -33,6 +34,11 @@ def schemas() -> list[tuple[str, str, type[BaseModel]]]:
         ("Felt", "[Felt](../../explanation/felt.md#a-felt).", FeltMaterial),
         ("Actuator", "[The key actuator](../../explanation/actuator.md).", ActuatorFile),
         ("Targets of a regulation", "[Regulation](../../howto/regulate_an_action.md).", Targets),
+        (
+            "Sensor of a keyboard",
+            "[Sensors](../../howto/test_key_sensors.md#a-sensor-in-one-stroke).",
+            Sensor,
+        ),
         (
             "Record",
             "The TOML beside a measured file: [records](../../explanation/gap.md#records).",

@@ -97,15 +97,17 @@ class CustomerPage:
 
     def figure(self) -> Figure:
         """The page as a figure of the size of a sheet."""
-        from unmodeled.style import GRAY, INK, new_figure
+        from unmodeled.style import GRAY, INK, new_figure, plain_text
 
         figure = new_figure(*PAPER)
         figure.set_layout_engine("none")
         top = 0.955
         if self.workshop:
-            figure.text(0.08, top, self.workshop, size=10, color=GRAY, va="top")
+            workshop = plain_text(self.workshop)
+            figure.text(0.08, top, workshop, size=10, color=GRAY, va="top")
             top -= 0.028
-        figure.text(0.08, top, self.title, size=17, weight="bold", color=INK, va="top")
+        title = plain_text(self.title)
+        figure.text(0.08, top, title, size=17, weight="bold", color=INK, va="top")
         lines = _folded(self.sentences, 84)
         figure.text(0.08, top - 0.045, lines, size=11, color=INK, va="top", linespacing=1.45)
         bottom = top - 0.06 - 0.0205 * (lines.count("\n") + 1)
@@ -146,15 +148,21 @@ class CustomerPage:
             if touch is None:
                 continue
             label = "as it is" if same else name
-            down, up = touch.press, touch.release
-            ax.plot(1e3 * down.travel, down.force / GRAM, color=color, lw=2, label=f"{label}: down")
-            ax.plot(1e3 * up.travel, up.force / GRAM, color=color, lw=1.2, ls="--",
-                    label=f"{label}: up")  # fmt: skip
-            most = max(most, 3.0 * touch.down_weight / GRAM)
+            # The told weights are means of these curves: the damper does not take part.
+            down, up = touch.lifted_press, touch.lifted_release
+            for path, mean, what, style in ((down, touch.down_weight, "goes down with", "-"),
+                                            (up, touch.up_weight, "lifts", "--")):  # fmt: skip
+                weight = f"{label}: {what} {mean / GRAM:.0f} g"
+                ax.plot(1e3 * path.travel, path.force / GRAM, color=color, lw=1.8, ls=style,
+                        label=weight)  # fmt: skip
+                low, high = (1e3 * w for w in touch.window)
+                ax.hlines(mean / GRAM, low, high, color=color, lw=0.8, ls=":")
+            most = max(most, 2.2 * touch.down_weight / GRAM)
         ax.set_ylim(0.0, most)
         ax.set_xlim(left=0.0)
-        style_axes(ax, "travel of the key [mm]", "weight at the key [g]", "What the hand feels")
-        ax.legend(frameon=False, loc="upper left")
+        title = "What the hand feels, with the damper lifted; dotted: mean"
+        style_axes(ax, "travel of the key [mm]", "weight at the key [g]", title)
+        ax.legend(frameon=False, loc="upper left", ncols=2)
 
     def html(self) -> str:
         """The page as HTML that loads nothing and prints on one sheet."""
@@ -242,7 +250,8 @@ class _Cause:
     remedy: str
     unit: str
     size_si: float
-    turns: tuple[float, str] | None
+    turns: tuple[float, str, str] | None
+    """Turns of a screw, their direction, and the way back."""
     shape: float | None
     parameter: bool
 
@@ -250,10 +259,18 @@ class _Cause:
     def plain(self) -> str:
         """What is wrong, with the label of a contact instead of its number."""
         number, mark, label = self.component.partition(", ")
-        text = self.mechanism or self.component
+        part = self.entry.part if self.entry is not None else ""
+        text = self.mechanism or f"{part or f'The {self.component}'} is not as its table says"
         if mark and number.startswith("contact"):
             text = text.replace(number, label)
         return text[:1].upper() + text[1:]
+
+    @cached_property
+    def work(self) -> str:
+        """What to do about it."""
+        if self.turns is not None:
+            return f"Turn the {self.component} by {self.turns[0]:.2g} turns {self.turns[2]}."
+        return self.remedy or f"Check the {self.component}."
 
     @cached_property
     def size(self) -> str:
@@ -282,7 +299,8 @@ def _cause(row: Mapping[str, Any], library: Mapping[str, Entry]) -> _Cause:
     off = f"{row['title']} is off" if row["tier"] == "fitted" else ""
     if (unit := row.get("user_unit")) is not None and unit["unit"] == "turn":
         turned = unit["per_unit"] * row["size"]
-        turns = abs(turned), unit["words"][turned < 0.0]
+        down = turned < 0.0
+        turns = abs(turned), unit["words"][down], unit["words"][not down]
     return _Cause(
         entry,
         str(row["component"] or (entry.component if entry else row["name"])),
@@ -389,7 +407,9 @@ def customer_page(
     if after is not None:
         healthy = load_action(after) if isinstance(after, str) else after
     bodies, points = _guilty(base, causes)
-    remedies = tuple(dict.fromkeys(c.remedy for c in causes if c.remedy))
+    remedies = tuple(dict.fromkeys(c.work for c in causes))
+    if not causes:
+        remedies = (_UNCLEAR if data["verdict"] == "UNKNOWN" else _NOTHING,)
     return CustomerPage(
         title=title,
         workshop=workshop,
@@ -402,6 +422,11 @@ def customer_page(
         done=bool(done),
         photo=photo,
     )
+
+
+#: Work without a cause.
+_NOTHING = "Nothing needs to be done."
+_UNCLEAR = "Look at the whole action by hand, regulate it, and measure again."
 
 
 def finding(data: Mapping[str, Any], library: Library | None) -> str:
@@ -439,7 +464,10 @@ def _found(groups: Sequence[Sequence[_Cause]], verdict: str) -> str:
 def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
     """What the hand feels, in grams."""
     weights = [after.down_weight / GRAM, after.up_weight / GRAM]
-    now = f"The key goes down with {weights[0]:.0f} g and lifts {weights[1]:.0f} g"
+    now = (
+        f"With the damper lifted, the key goes down with {weights[0]:.0f} g and lifts "
+        f"{weights[1]:.0f} g"
+    )
     if same:
         return f"{now}."
     if before is None:

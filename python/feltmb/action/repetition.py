@@ -1,16 +1,17 @@
-"""Repetition of an action: the highest rate at which every press of the key strikes, and why.
+"""Repetition of an action: the highest rate at which every press is a note, and why not beyond it.
 
-A finger presses the key at a constant speed, holds it for half a period, lifts, and waits at the
-height to which the key may return. ``docs/howto/test_repetition.md`` defines each quantity.
+A finger with a mass and a limited force presses the key faster and faster.
+``docs/howto/test_repetition.md`` defines each quantity.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from functools import cached_property
+from threading import Event
 from typing import TYPE_CHECKING, Any
 
 from feltmb.action.touch.static import REGULATE, roles_of
@@ -25,66 +26,78 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
     from feltmb.run.stroke import Stroke
 
-__all__ = ["REASONS", "Repeated", "Repetition", "highest_rate", "key_travel", "repeat"]
+__all__ = [
+    "REASONS",
+    "Repeated",
+    "Repetition",
+    "highest_rate",
+    "key_travel",
+    "repeat",
+    "with_finger",
+]
 
-#: Finger speeds of a soft and a hard press [m/s]; share of the key travel that the key returns.
-SPEEDS, RETURNS = (0.15, 0.5), (1.0, 0.75, 0.5)
-PRESSES = 5
-#: First rate, step of the search upward, and resolution of the answer [1/s].
-LOWEST, STEP, RESOLUTION = 2.0, 2.0, 0.25
-HIGHEST = 16.0
-START = 0.02  # s, first press
-LIFT = 0.5  # m/s, speed of the lifting finger
-BEYOND = 1e-3  # m, travel of the finger beyond the contact with the punching
-#: A key that is lower than the waiting finger by more than this has not come back [m].
+#: Largest force of a soft and a firm finger [N]; share of the key travel that the key returns.
+FORCES, RETURNS = (4.0, 10.0), (1.0, 0.75, 0.5)
+#: Force that lifts the finger [N], its mass at the tip [kg], time in which its force changes [s].
+LIFT, MASS, RISE = 3.0, 0.02, 8e-3
+#: Rate of the first press [1/s], growth from press to press, and rate at which the test ends.
+LOWEST, GROWTH, HIGHEST = 3.0, 1.04, 16.0
+#: Presses of a run, after which it is looked at.
+PART = 4
+#: A note: the hammer came back by this share of its way from the string, the jack drives it with
+#: this share of the impulse of the first press, and it strikes with this speed [m/s].
+BACK, DRIVEN, AUDIBLE = 2.0 / 3.0, 0.25, 0.5
+#: A key that is lower than the lifted finger by more than this has not come back [m].
 LATE = 1e-3
-#: A press strikes if it reaches this share of the impact speed of the first press, and if the jack
-#: drives it with this share of the impulse of the first press.
-WEAK, DRIVEN = 0.5, 0.25
+#: Distance of the finger's tip from its joint, radius of the tip [m].
+ARM, TIP = 0.09, 1e-3
+#: Names of the finger in the mechanism that it plays.
+_FINGER, _HAND = "playing finger", "playing hand"
 
 #: Reasons of a failed press, as a sentence.
 REASONS = {
-    "key too slow": "the key is not back at the finger when the next press begins",
-    "jack not back": "the jack is not back under the hammer when the next press begins",
-    "not caught": "the hammer was not caught in check and is still on its way",
-    "weak": "the hammer does not reach half the impact speed of the first press",
-    "finger": "a press at this finger speed lasts longer than the period",
+    "key too slow": "the key is not back at the finger when the press begins",
+    "hammer not back": f"the hammer has come back by less than {100.0 * BACK:.0f} % of its way",
+    "jack not back": "the jack is not back under the hammer when the press begins",
+    "weak": f"the hammer strikes with less than {AUDIBLE:g} m/s",
+    "interrupted": "the test was interrupted",
     "": "no press fails up to this rate",
 }
 
 
 @dataclass(frozen=True)
 class Repeated:
-    """Highest rate for one finger speed and one return of the key."""
+    """Highest rate for one force of the finger and one return of the key."""
 
-    speed: float  #: speed of the pressing finger [m/s]
+    force: float  #: largest force of the finger [N]
     key_return: float  #: share of the key travel that the key may return [1]
-    rate: float  #: highest rate at which every press strikes [1/s]; 0: none of the rates
-    failed_rate: float  #: lowest rate that failed [1/s]; NaN: none failed
+    rate: float  #: highest rate up to which every press is a note [1/s]; 0: none
     press: int  #: number of the first press that failed, from 1; 0: none
     reason: str  #: key of :data:`REASONS`
     impact_speed: float  #: impact speed of the first press [m/s]
-    weakest: float  #: smallest impact speed of the presses at ``rate`` [m/s]
+    weakest: float  #: smallest impact speed of the notes [m/s]
+    least_back: float  #: smallest way of the hammer back from the string, as a share of the whole
 
     @property
     def sentence(self) -> str:
         """The reason as a sentence."""
-        text = REASONS[self.reason]
-        return f"press {self.press}: {text}" if self.press else text
+        return REASONS[self.reason]
 
     @property
     def rate_text(self) -> str:
         """The rate for people."""
-        return f"{self.rate:.4g}" if self.rate else f"below {LOWEST:g}"
+        return f"{self.rate:.1f}" if self.rate else f"below {LOWEST:g}"
 
 
 @dataclass(frozen=True)
-class _Presses:
-    """Presses of one run: impact speeds, and the first that failed."""
+class _Press:
+    """One press of a run."""
 
-    speeds: tuple[float, ...]
-    press: int = 0
-    reason: str = ""
+    start: float  #: [s]
+    rate: float  #: [1/s]
+    speed: float  #: impact speed [m/s]; 0: none
+    back: float  #: way of the hammer back from the string before, as a share of the whole
+    reason: str  #: "": it is a note
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +107,7 @@ class Repetition:
     Attributes
     ----------
     rows : tuple of Repeated
-        One for each finger speed and return of the key.
+        One for each force of the finger and return of the key.
     travel : float
         Key travel to the punching [m].
     """
@@ -102,11 +115,15 @@ class Repetition:
     action: Action
     rows: tuple[Repeated, ...]
     travel: float
-    presses: int
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether the test was interrupted."""
+        return any(row.reason == "interrupted" for row in self.rows)
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """One row for each finger speed and return of the key, SI units; see :class:`Repeated`."""
+        """One row for each force of the finger and return of the key; see :class:`Repeated`."""
         import pandas as pd
 
         return pd.DataFrame([asdict(row) | {"sentence": row.sentence} for row in self.rows])
@@ -122,55 +139,55 @@ class Repetition:
             "action": self.action.name,
             "hash": self.action.hash,
             "key_travel": self.travel,
-            "presses": self.presses,
             "rows": rows,
         }
 
     def plot(self) -> Figure:
-        """Highest rates with their reasons, and the run with the first failure."""
+        """Highest rates with their reasons, and the presses before the first failure."""
         import numpy as np
 
         from unmodeled.style import BLUE, CYCLE, GRAY, PALE, RED, head_line, new_figure, style_axes
 
         figure = new_figure(9.0, 6.4)
         top, bottom = figure.subplots(2, 1, height_ratios=(0.5 + 0.28 * len(self.rows), 2.6))
-        speeds = sorted({row.speed for row in self.rows})
-        shown = sorted(self.rows, key=lambda r: (r.speed, r.key_return), reverse=True)
+        forces = sorted({row.force for row in self.rows})
+        shown = sorted(self.rows, key=lambda r: (r.force, r.key_return), reverse=True)
         for y, row in enumerate(shown):
-            top.barh(y, row.rate, color=CYCLE[speeds.index(row.speed)], height=0.6)
+            top.barh(y, row.rate, color=CYCLE[forces.index(row.force)], height=0.6)
             top.text(row.rate + 0.15, y, f"{row.rate_text} /s; {row.sentence}", va="center", size=8)
-        labels = [f"{r.speed:g} m/s, key returns {1e3 * r.key_return * self.travel:.1f} mm"
+        labels = [f"{r.force:g} N, key returns {1e3 * r.key_return * self.travel:.1f} mm"
                   for r in shown]  # fmt: skip
         top.set_yticks(range(len(shown)), labels)
         most = max(row.rate for row in shown)
         top.set_xlim(0.0, 3.2 * max(most, 2.0))
         top.set_xticks(range(0, int(most) + 2, 2))
-        style_axes(top, "presses per second", "", "highest rate at which every press strikes")
+        style_axes(top, "presses per second", "", "highest rate up to which every press is a note")
         top.grid(visible=False, axis="y")  # a line through the texts
         failed = [row for row in self.rows if row.press]
         if failed:
-            row = min(failed, key=lambda r: r.failed_rate)
-            run = _run(
-                self.action, row.failed_rate, row.speed, row.key_return, self.travel, self.presses
-            )
-            assert run is not None
-            roles, begin = roles_of(self.action), START + (row.press - 1) / row.failed_rate
-            first = max(0.0, begin - 1.5 / row.failed_rate)
-            time = 1e3 * run.time
-            bottom.plot(time, 1e3 * _depth(self.action, run), color=BLUE, label="key, below rest")
-            gap = -run[f"contact{roles['strike']:02d}.compression"]
-            bottom.plot(time, 1e3 * gap, color=RED, label="hammer to string")
-            bottom.axvspan(1e3 * begin, 1e3 * (begin + 1 / row.failed_rate), color=PALE, alpha=0.5,
-                           lw=0, label="the press that fails")  # fmt: skip
-            for k in range(self.presses):
-                bottom.axvline(1e3 * (START + k / row.failed_rate), color=GRAY, lw=0.7, ls=":")
-            last = min(run.time[-1], begin + 1.3 / row.failed_rate)
-            bottom.set_xlim(1e3 * first, 1e3 * last)
-            inside = (run.time >= first) & (run.time <= last)
-            bottom.set_ylim(-1.0, 1e3 * float(np.max(gap[inside])) + 4.0)
+            row = min(failed, key=lambda r: r.press)
+            runs = list(_runs(self.action, row.force, row.key_return, self.travel, HIGHEST))
+            time, depth, gap, begins = [], [], [], []
+            begin = 0.0
+            for run, presses in runs[-2:]:
+                time.append(1e3 * (begin + run.time))
+                depth.append(1e3 * _depth(self.action, run))
+                gap.append(-1e3 * run[_strike(self.action)])
+                begins += [1e3 * (begin + p.start) for p in presses]
+                last = [p.reason for p in presses]
+                begin += run.time[-1]
+            bottom.plot(np.hstack(time), np.hstack(depth), color=BLUE, label="key, below rest")
+            bottom.plot(np.hstack(time), np.hstack(gap), color=RED, label="hammer to string")
+            for at in begins:
+                bottom.axvline(at, color=GRAY, lw=0.7, ls=":")
+            place = len(begins) - len(last) + next(i for i, why in enumerate(last) if why)
+            ends = [*begins[1:], 1e3 * begin]
+            bottom.axvspan(begins[place], ends[place], color=PALE, alpha=0.5, lw=0,
+                           label="the press that fails")  # fmt: skip
+            bottom.set_ylim(-1.0, float(np.max(np.hstack(gap))) + 8.0)
             bottom.legend(fontsize=8, frameon=False, loc="upper right", ncols=3)
-            title = f"{row.speed:g} m/s, {row.failed_rate:.4g}/s: {row.sentence}"
-            style_axes(bottom, "time [ms]", "distance [mm]", title)
+            style_axes(bottom, "time [ms]", "distance [mm]",
+                       f"{row.force:g} N, beyond {row.rate_text}/s: {row.sentence}")  # fmt: skip
         else:
             bottom.set_axis_off()
         head_line(figure, f"{self.action.name}: repetition", 12.0, "normal")
@@ -191,173 +208,255 @@ def key_travel(action: Action) -> float:
     from feltmb.run.stroke import ramp_stroke
 
     roles_of(action)  # faults of the mechanism file
-    stroke = ramp_stroke(10.0, START, 0.3, duration=0.35)
-    run = simulate(action, stroke, ledger=False, output_rate=2000.0)
+    run = simulate(
+        action, ramp_stroke(10.0, 0.02, 0.3, duration=0.35), ledger=False, output_rate=2000.0
+    )
     landed = run.summary.get(f"{action.config.reading.touch.landing}_time")
     if landed is None:
         raise Error(f"{action.name!r}: the key does not reach its punching with 10 N; {REGULATE}")
-    return float(np.interp(landed, run.time, _depth(action, run)))
+    return float(np.interp(landed, run.time, run[_key(action)][0] - run[_key(action)]))
+
+
+def _key(action: Action) -> str:
+    return f"{action.config.reading.key_point}.y"
+
+
+def _strike(action: Action) -> str:
+    return f"contact{roles_of(action)['strike']:02d}.compression"
 
 
 def _depth(action: Action, run: Run) -> Any:
-    """Depth of the key point below its rest [m]."""
-    y = run[f"{action.config.reading.key_point}.y"]
-    return y[0] - y
+    """Depth of the key point below its rest without a finger [m]."""
+    return _rest(action)[1] - run[_key(action)]
 
 
-def _stroke(
-    rate: float, speed: float, key_return: float, travel: float, presses: int
-) -> Stroke | None:
-    """Presses of a finger; None: the press and the lift last longer than the period."""
-    from feltmb.run.stroke import motion_stroke
+def _rest(action: Action) -> tuple[float, float]:
+    """Place of the key point at rest [m]."""
+    from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import ramp_stroke
 
-    period, low = 1.0 / rate, travel + BEYOND
-    high = (1.0 - key_return) * travel
-    time, value = [], []
-    for k in range(presses):
-        start, top = START + k * period, high if k else 0.0
-        bottom = start + (low - top) / speed
-        lift = max(bottom + 1e-3, start + 0.5 * period)
-        end = lift + (low - high) / LIFT
-        if end >= start + period:
-            return None
-        time += [start, bottom, lift, end]
-        value += [top, low, low, high]
-    return motion_stroke(
-        time, value, interpolation="linear", duration=START + presses * period, name="repetition"
-    )
+    run = simulate(action, ramp_stroke(0.0), duration=1e-3, ledger=False)
+    point = action.config.reading.key_point
+    return float(run[f"{point}.x"][0]), float(run[f"{point}.y"][0])
 
 
-def _run(
-    action: Action, rate: float, speed: float, key_return: float, travel: float, presses: int
-) -> Run | None:
+# ---------------------------------------------------------------- the finger
+
+
+def with_finger(action: Action, height: float = 0.0) -> Action:
+    """The mechanism with a finger of :data:`MASS` that turns back at a depth of the key [m].
+
+    The finger turns about a joint that carries its weight, so that muscles only move it. Its force
+    is the input. A hand above it stops the lifted finger.
+    """
+    finger, at = action.config.finger, _rest(action)
+    assert finger is not None  # roles_of needs one
+    down = [d / math.hypot(*finger.direction) for d in finger.direction]
+    side, up = (-down[1], down[0]), [-d for d in down]
+
+    def place(along: float, below: float = 0.0) -> list[float]:
+        return [along * s + below * d for s, d in zip(side, down, strict=True)]
+
+    raw = action.raw
+    raw["bodies"][_FINGER] = {
+        "joint": "revolute",
+        "coordinate": f"{_FINGER}.angle",
+        "position": [a + b for a, b in zip(at, place(ARM), strict=True)],
+        "mass": MASS,
+        "inertia": MASS * ARM**2,
+    }
+    # Without a force, the angle of the finger above the key would be undetermined at rest.
+    raw.setdefault("springs", {})[_FINGER] = {
+        "coordinate": f"{_FINGER}.angle", "stiffness": 1e-4, "rest_angle": 0.0
+    }  # fmt: skip
+    raw["surfaces"] |= {
+        _FINGER: {"body": _FINGER, "kind": "circle", "point": place(-ARM, -TIP), "radius": TIP},
+        f"{_FINGER} key": {
+            "body": finger.body, "kind": "line", "point": list(finger.point), "normal": up
+        },
+        _HAND: {
+            "body": "ground", "kind": "line", "normal": down,
+            "point": [a + b for a, b in zip(at, place(0.0, height - 2.0 * TIP), strict=True)],
+        },
+    }  # fmt: skip
+    pad = finger.pad.hunt_crossley
+    skin = {name: float(getattr(pad, name)) for name in ("stiffness", "exponent", "damping")}
+    first = 1 + max(map(int, raw["contacts"]))
+    for number, other, law in ((first, f"{_FINGER} key", skin), (first + 1, _HAND, _STOP)):
+        raw["contacts"][f"{number:02d}"] = {
+            "surfaces": [_FINGER, other], "law": "hunt_crossley", "hunt_crossley": law
+        }  # fmt: skip
+    for lead in raw.get("leads", {}).values():
+        lead["body"] = lead.get("body") or finger.body
+    raw["finger"] |= {"body": _FINGER, "point": place(-ARM)}
+    played = Action(raw, action.origin)
+    return played.with_laws(action._laws) if action._laws else played
+
+
+#: The hand above the finger: stiff, and without a rebound.
+_STOP = {"stiffness": 1e6, "exponent": 1.5, "damping": 20.0}
+
+
+def _stroke(rates: Sequence[float], force: float, *, first: bool) -> tuple[Stroke, list[float]]:
+    """Presses of the finger, and their starts [s]: it presses for a half of each period."""
+    from feltmb.run.stroke import table_stroke
+
+    time, value, starts = [0.0], [-LIFT], []
+    start = 0.02 if first else 1e-4
+    for rate in rates:
+        turn = start + 0.5 / rate
+        time += [start, start + RISE, turn, turn + RISE]
+        value += [-LIFT, force, force, -LIFT]
+        starts.append(start)
+        start += 1.0 / rate
+    return table_stroke(time, value, interpolation="linear", duration=start - 1e-4), starts
+
+
+def _runs(
+    action: Action, force: float, key_return: float, travel: float, highest: float
+) -> Iterator[tuple[Run, list[_Press]]]:
+    """Runs of a few presses each, one after the other, until a press fails."""
     from feltmb.run.simulate import simulate
 
-    stroke = _stroke(rate, speed, key_return, travel, presses)
-    return None if stroke is None else simulate(action, stroke, ledger=False, output_rate=2000.0)
+    height = (1.0 - key_return) * travel
+    played = with_finger(action, height)
+    count = 1 + math.ceil(math.log(highest / LOWEST) / math.log(GROWTH) - 1e-9)
+    rates = [min(LOWEST * GROWTH**k, highest) for k in range(count)]
+    run: Run | None = None
+    judge = _Judge(action, height)
+    for k in range(0, count, PART):
+        own = rates[k : k + PART]
+        stroke, starts = _stroke(own, force, first=run is None)
+        run = simulate(played, stroke, start=run, ledger=False, output_rate=2000.0)
+        presses = judge.presses(run, own, starts)
+        yield run, presses
+        if any(press.reason for press in presses):
+            return
 
 
-def _try(
-    action: Action, rate: float, speed: float, key_return: float, travel: float, presses: int
-) -> _Presses:
-    """Simulate presses at a rate, and find the first one that fails."""
-    import numpy as np
+class _Judge:
+    """Tells notes from failed presses, from run to run."""
 
-    run = _run(action, rate, speed, key_return, travel, presses)
-    if run is None:
-        return _Presses((), 0, "finger")
-    strikes = run.strikes
-    times = np.asarray(strikes.get("impact_time", ()), dtype=float)
-    impacts = np.asarray(strikes.get("impact_speed", ()), dtype=float)
-    jack = run[f"contact{roles_of(action)['let_off']:02d}.force"]
-    checks = [run[f"contact{c:02d}.force"] for c in action.config.reading.check_contacts]
-    held = np.sum(checks, axis=0) > 0.0 if checks else np.ones(run.time.size, dtype=bool)
-    depth, speeds, impulses = _depth(action, run), [], []
-    for k in range(presses):
-        start, end = START + k / rate, START + (k + 1) / rate
-        own = (times >= start) & (times < end)
-        hit = float(times[own][np.argmax(impacts[own])]) if own.any() else end
-        before = (run.time >= start) & (run.time < hit)
-        impulses.append(float(np.sum(jack[before])))
-        found = float(np.max(impacts[own])) if own.any() else 0.0
-        if k == 0 and not own.any():
-            raise Error(
-                f"{action.name!r}: a single press with a finger speed of {speed:g} m/s does not "
-                "strike; press faster, or regulate the action"
-            )
-        driven = impulses[k] >= DRIVEN * impulses[0]
-        speeds.append(found)
-        if found >= WEAK * speeds[0] and driven:
-            continue
-        late = float(np.interp(start, run.time, depth)) - (1.0 - key_return) * travel
-        between = (run.time >= start - 1.0 / rate) & (run.time < start)
-        if late > LATE:
-            reason = "key too slow"
-        elif not held[between].any():
-            reason = "not caught"
-        else:
-            reason = "weak" if driven else "jack not back"
-        return _Presses(tuple(speeds), k + 1, reason)
-    return _Presses(tuple(speeds))
+    def __init__(self, action: Action, height: float) -> None:
+        self.roles, self.key = roles_of(action), _key(action)
+        self.lifted = _rest(action)[1] - height
+        self.strike = _strike(action)
+        self.whole = self.impulse = 0.0
+        self.most = math.inf  # the first press begins at rest
+
+    def presses(self, run: Run, rates: Sequence[float], starts: list[float]) -> list[_Press]:
+        """The presses of a run."""
+        import numpy as np
+
+        strikes = run.strikes
+        times = np.asarray(strikes.get("impact_time", ()), dtype=float)
+        impacts = np.asarray(strikes.get("impact_speed", ()), dtype=float)
+        jack = run[f"contact{self.roles['let_off']:02d}.force"]
+        gap = -run[self.strike]
+        if not self.whole:
+            self.whole = float(gap[0])
+        out, begin = [], 0.0  # from here on, the hammer comes back
+        for rate, start, end in zip(rates, starts, [*starts[1:], run.time[-1]], strict=True):
+            own = (times >= start) & (times < end)
+            hit = float(times[own][np.argmax(impacts[own])]) if own.any() else end
+            before = (run.time >= start) & (run.time <= hit)
+            most = max(self.most, float(np.max(gap[(run.time >= begin) & (run.time <= hit)])))
+            impulse = float(np.sum(jack[before]))
+            self.impulse = self.impulse or impulse
+            back = min(1.0, most / self.whole)
+            speed = float(np.max(impacts[own], initial=0.0))
+            late = self.lifted - float(np.interp(start, run.time, run[self.key]))
+            reason = ""
+            if speed < AUDIBLE or back < BACK or impulse < DRIVEN * self.impulse:
+                if late > LATE:
+                    reason = "key too slow"
+                elif back < BACK:
+                    reason = "hammer not back"
+                else:
+                    reason = "weak" if impulse >= DRIVEN * self.impulse else "jack not back"
+            out.append(_Press(start, rate, speed, back, reason))
+            begin, self.most = hit, 0.0
+        self.most = float(np.max(gap[run.time >= begin]))
+        return out
+
+
+# ---------------------------------------------------------------- the highest rate
 
 
 def highest_rate(
     action: Action,
     travel: float,
-    speed: float = 0.5,
+    force: float = 10.0,
     key_return: float = 1.0,
     *,
-    presses: int = PRESSES,
     highest: float = HIGHEST,
-    near: float | None = None,
+    stop: Event | None = None,
 ) -> Repeated:
-    """Search upward in steps until a press fails, and bisect to a quarter of a press a second.
+    """Press faster and faster until a press is no note.
 
     Parameters
     ----------
     travel
         Key travel to the punching [m], see :func:`key_travel`.
-    speed
-        Speed of the pressing finger [m/s].
+    force
+        Largest force of the finger [N].
     key_return
         Share of the key travel that the key may return [1].
-    presses
-        Number of presses.
     highest
-        Rate at which the search ends [1/s].
-    near
-        Expected answer [1/s], from which the search starts; default: from 2 presses a second.
+        Rate at which the test ends [1/s].
+    stop
+        Event that interrupts the test.
     """
-    good, bad = 0.0, math.nan
-    best, worst = _Presses(()), _Presses(())
-    step = STEP if near is None else 0.5 * STEP
-    rate = LOWEST if near is None else min(max(near, LOWEST), highest)
-    while True:
-        found = _try(action, rate, speed, key_return, travel, presses)
-        if found.reason:
-            bad, worst = rate, found
-        else:
-            good, best = rate, found
-        if math.isnan(bad):
-            if rate >= highest:
+    presses: list[_Press] = []
+    interrupted = stop is not None and stop.is_set()
+    if not interrupted:
+        for _, found in _runs(action, force, key_return, travel, highest):
+            presses += found
+            if stop is not None and stop.is_set():
+                interrupted = True
                 break
-            rate = min(rate + step, highest)
-        elif good == 0.0:
-            if rate <= LOWEST:
-                break
-            rate = max(rate - step, LOWEST)
-        elif bad - good <= RESOLUTION:
-            break
-        else:
-            rate = 0.5 * (good + bad)
-    first = (best.speeds or worst.speeds or (math.nan,))[0]
-    weakest = min(best.speeds, default=math.nan)
-    return Repeated(speed, key_return, good, bad, worst.press, worst.reason, first, weakest)
+    if presses and presses[0].reason == "weak":
+        raise Error(
+            f"{action.name!r}: a single press with {force:g} N does not strike with {AUDIBLE:g} "
+            "m/s; press harder, or regulate the action"
+        )
+    bad = next((k for k, press in enumerate(presses) if press.reason), len(presses))
+    good = presses[:bad]
+    failed = presses[bad].reason if bad < len(presses) else "interrupted" if interrupted else ""
+    return Repeated(
+        force=force,
+        key_return=key_return,
+        rate=good[-1].rate if len(good) > 1 else 0.0,
+        press=bad + 1 if bad < len(presses) else 0,
+        reason=failed,
+        impact_speed=presses[0].speed if presses else math.nan,
+        weakest=min((p.speed for p in good[1:]), default=math.nan),
+        least_back=min((p.back for p in good[1:]), default=math.nan),
+    )
 
 
 @checked
 def repeat(
     action: Action | str,
     *,
-    speeds: Sequence[float] = SPEEDS,
+    forces: Sequence[float] = FORCES,
     returns: Sequence[float] = RETURNS,
-    presses: int = PRESSES,
     highest: float = HIGHEST,
 ) -> Repetition:
-    """Find the highest rate at which every press of the key strikes.
+    """Find the highest rate up to which every press of the key is a note.
+
+    An interrupt (Ctrl-C) ends the test; the result has what was found until then.
 
     Parameters
     ----------
     action
         Mechanism, or its name for :func:`load_action`.
-    speeds
-        Finger speeds of the presses [m/s], > 0: soft and hard.
+    forces
+        Largest forces of the finger [N], > 0: soft and firm.
     returns
         Shares of the key travel that the key may return between presses, 0 < share <= 1.
-    presses
-        Number of presses, 2 to 50.
     highest
-        Rate at which the search ends [1/s], 2 to 50.
+        Rate at which the test ends [1/s], above 3, at most 30.
 
     Raises
     ------
@@ -368,22 +467,23 @@ def repeat(
     """
     if isinstance(action, str):
         action = load_action(action)
-    for name, values, most in (
-        ("speeds", speeds, 5.0),
-        ("returns", returns, 1.0),
-    ):
+    for name, values, most in (("forces", forces, 100.0), ("returns", returns, 1.0)):
         if not values or not all(math.isfinite(v) and 0.0 < v <= most for v in values):
             raise InvalidParameter(f"repeat: {name} = {list(values)!r}, expected > 0 to {most:g}")
-    if not 2 <= presses <= 50:
-        raise InvalidParameter(f"repeat: presses = {presses}, expected 2 to 50")
-    if not LOWEST <= highest <= 50.0:
-        raise InvalidParameter(f"repeat: highest = {highest:g} 1/s, expected {LOWEST:g} to 50 1/s")
+    if not LOWEST < highest <= 30.0:
+        raise InvalidParameter(
+            f"repeat: highest = {highest:g} 1/s, expected more than {LOWEST:g}, at most 30 1/s"
+        )
     travel = key_travel(action)
-    jobs = [(v, r) for v in sorted(speeds) for r in sorted(returns, reverse=True)]
+    jobs = [(f, r) for f in sorted(forces) for r in sorted(returns, reverse=True)]
+    stop = Event()
     with ThreadPoolExecutor() as pool:
         found = [
-            pool.submit(highest_rate, action, travel, v, r, presses=presses, highest=highest)
-            for v, r in jobs
+            pool.submit(highest_rate, action, travel, f, r, highest=highest, stop=stop)
+            for f, r in jobs
         ]
-        rows = tuple(future.result() for future in found)
-    return Repetition(action, rows, travel, presses)
+        try:
+            wait(found)
+        except KeyboardInterrupt:
+            stop.set()
+        return Repetition(action, tuple(future.result() for future in found), travel)

@@ -17,13 +17,13 @@ from pydantic import Field
 from feltmb import params
 from feltmb.action.wearing import NUMBERS, Variant, Wear
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter, no_such
+from unmodeled.errors import InvalidParameter, shown
 from unmodeled.files import read_json, read_toml
 from unmodeled.units.quantity import Schema, validated
 
 __all__ = ["Cause", "Symptom", "load_symptoms", "packaged_wear", "symptom"]
 
-#: Deviation that one expects to meet, by kind of change; of a screw: the tested turn.
+#: Deviation that one expects to meet, by kind of change; of others: the tested change.
 EXPECTED = {"thinner": 3e-4, "harder": 0.2, "friction": 1.0, "spring": 0.2}
 #: Causes with a smaller share are not told [1].
 LEAST = 0.02
@@ -37,6 +37,8 @@ REMEDIES = {
     "harder": "Soften or renew the felt",
     "friction": "Clean, polish or ease it",
     "spring": "Strengthen or renew the spring",
+    "tight": "Ease it, and polish the pin",
+    "missing": "Renew it",
     "screw": "Turn it back",
 }
 
@@ -51,6 +53,8 @@ class Definition(Schema):
     limit: float | None = None
     by: Annotated[float, Field(gt=0)] | None = None
     lost: bool = False
+    beyond: tuple[str, ...] = ()
+    """Causes that the model does not have."""
 
 
 class _File(Schema):
@@ -63,7 +67,7 @@ class Cause:
     """A part that can cause a symptom by itself."""
 
     part: str
-    kind: str  #: thinner, harder, friction, spring or screw
+    kind: str  #: thinner, harder, friction, spring, tight, missing or screw
     change: str  #: change that reaches the limit
     share: float  #: likelihood compared with the other parts [1]
     remedy: str
@@ -83,6 +87,7 @@ class Symptom:
     worse: str  #: side of the limit with the symptom: more or less
     causes: tuple[Cause, ...]
     screws: tuple[str, ...]  #: screws that take the number from the limit back to the value
+    beyond: tuple[str, ...] = ()  #: causes that the model does not have: look for them as well
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -118,7 +123,9 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
     """
     known = load_symptoms()
     if name not in known:
-        raise no_such("symptom", name, known)
+        raise InvalidParameter(
+            f"there is no symptom {shown(name)}, expected one of {', '.join(known)}"
+        )
     table = packaged_wear() if wear is None else wear
     d = known[name]
     value = table.base[d.number]
@@ -144,6 +151,7 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
         worse=d.worse,
         causes=causes,
         screws=_screws(reach),
+        beyond=d.beyond,
     )
 
 
@@ -163,7 +171,7 @@ def _reach(
 def _causes(reach: Sequence[tuple[Variant, float]]) -> tuple[Cause, ...]:
     best: dict[tuple[str, str], tuple[float, Variant, float]] = {}
     for variant, part in reach:
-        if part <= 0.0:
+        if part <= 0.0 or (variant.kind == "missing" and part < 1.0):
             continue
         expected = EXPECTED.get(variant.kind, abs(variant.amount))
         z = abs(variant.amount) / expected / part
@@ -200,5 +208,9 @@ def _scaled(v: Variant, times: float) -> str:
         return f"friction {1.0 + amount:.2g} times as large"
     if v.kind == "spring":
         return f"{min(100.0, -100.0 * amount):.2g} % weaker"
+    if v.kind == "tight":
+        return f"{amount:.2g} N tighter"
+    if v.kind == "missing":
+        return v.change
     text = f"{1e3 * amount:+.2g} mm" if v.unit == "m" else f"{math.degrees(amount):+.2g}°"
     return text + (f" = {abs(v.turns * times):.2g} turn {v.word}" if v.turns else "")

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from feltmb.action.regulate import Targets, default_targets
 from feltmb.action.regulate.screws import Screws
-from feltmb.action.repetition import highest_rate, key_travel
+from feltmb.action.repetition import highest_rate, key_travel, with_finger
 from feltmb.action.touch import distances, static_touch
 from feltmb.adapters import Entry, action_with_effects, load_library
 from feltmb.mechanism import Action, MechanismFile, load_action
@@ -49,21 +49,26 @@ NUMBERS: dict[str, tuple[str, str, float]] = {
     "impact_speed": ("impact speed", "m/s", 1.0),
     "up_weight": ("up weight", "g", GRAM),
     "twice": ("soft strikes that strike twice", "%", 0.01),
-    "caught": ("soft strike until the hammer is held", "ms", 1e-3),
-    "key_return": ("key back after the release", "ms", 1e-3),
+    "caught": ("soft strike until the hammer stands in check", "ms", 1e-3),
+    "hammer_return": ("hammer back after the release", "ms", 1e-3),
     "return_force": ("largest force of the return", "N", 1.0),
 }
 #: The numbers of the table and picture of :func:`wear`.
 WEAR_NUMBERS = tuple(NUMBERS)[:6]
 
-#: Finger speeds of soft, held presses [m/s]; time that they are held [s].
-SOFT, HELD = tuple(0.01 * k for k in range(6, 21, 2)), 0.3
+#: Largest forces of the finger in soft, held presses [N]; time in which they rise, and of all [s].
+SOFT, RISEN, HELD = (1.4, 1.5, 1.6, 1.8, 2.0, 2.3, 2.6, 3.0), 0.03, 0.5
 #: Strokes of the strike and of the release, and the begin of the release [s].
 STRIKE, RELEASE, RELEASED = "piano", "press_release", 0.45
+#: When the finger lets a held press of 4 N go, with 3 N upward [s].
+LET_GO = 0.22
+#: A hammer that moves by less, and is held in this last time, stands in check [m, s].
+SWING, STANDS = 3e-3, 0.02
 #: Part of the range of a screw in the targets by which it is turned.
 TURN = 0.1
 
 THINNER, HARDER, FRICTION, SPRING, SCREW = "thinner", "harder", "friction", "spring", "screw"
+TIGHT, MISSING = "tight", "missing"
 
 
 @dataclass(frozen=True)
@@ -71,7 +76,7 @@ class Variant:
     """One changed part."""
 
     part: str  #: as its label in the mechanism file
-    kind: str  #: thinner, harder, friction, spring or screw
+    kind: str  #: thinner, harder, friction, spring, tight, missing or screw
     change: str  #: as text: "0.2 mm thinner"
     amount: float  #: of the change, in SI units or as a share
     remedy: str  #: what to do about it
@@ -84,22 +89,20 @@ class Variant:
 
 
 @checked
-def measure(action: Action, near: float | None = None) -> dict[str, float]:
+def measure(action: Action) -> dict[str, float]:
     """Numbers of :data:`NUMBERS` in their units; NaN: it does not exist in this mechanism.
 
     Parameters
     ----------
     action
         Mechanism that names the contacts that :func:`feltmb.touch` needs.
-    near
-        Expected rate of repetition [1/s], which saves simulations.
     """
     found = dict.fromkeys(NUMBERS, math.nan)
 
     def _repetition(action: Action) -> dict[str, float]:
-        return {"repetition": highest_rate(action, key_travel(action), near=near).rate}
+        return {"repetition": highest_rate(action, key_travel(action)).rate}
 
-    for part in (_static, _strike, _soft, _release, _repetition):
+    for part in (_static, _strike, _soft, _release, _return, _repetition):
         try:
             found |= part(action)
         except InvalidParameter:
@@ -135,22 +138,21 @@ def _soft(action: Action) -> dict[str, float]:
     import numpy as np
 
     from feltmb.run.simulate import simulate
-    from feltmb.run.stroke import motion_stroke
+    from feltmb.run.stroke import table_stroke
 
-    reading = action.config.reading
-    travel, strikes, times = key_travel(action), [], []
-    for speed in SOFT:
-        end = 0.02 + (travel + 1e-3) / speed
-        stroke = motion_stroke([0.02, end], [0.0, travel + 1e-3], interpolation="linear",
-                               duration=end + HELD)  # fmt: skip
-        run = simulate(action, stroke, ledger=False, output_rate=2000.0)
+    reading, played, strikes, times = action.config.reading, with_finger(action), [], []
+    for force in SOFT:
+        stroke = table_stroke([0.0, RISEN], [0.0, force], interpolation="linear", duration=HELD)
+        run = simulate(played, stroke, ledger=False, output_rate=2000.0)
         hit = run.summary.get("impact_time")
         if hit is None:
             continue
         strikes.append(len(run.strikes))
         held = np.sum([run[f"contact{c:02d}.force"] for c in reading.check_contacts], axis=0) > 0.0
-        free = run.time[(run.time > hit) & ~np.broadcast_to(held, run.time.shape)]
-        times.append(float(free[-1]) - hit if free.size else 0.0)
+        gap = run[f"contact{reading.strike_contact:02d}.compression"]
+        caught = np.any(held & (run.time > run.time[-1] - STANDS))
+        moves = run.time[(np.abs(gap - gap[-1]) > SWING) | ~caught]
+        times.append(max(0.0, float(moves[-1]) - hit))
     return {
         "twice": float(np.mean(np.array(strikes) > 1)) if strikes else math.nan,
         "caught": max(times, default=math.nan),
@@ -169,9 +171,20 @@ def _release(action: Action) -> dict[str, float]:
         for c, contact in action.config.contacts.items()
         if int(c) != strike and contact.enabled
     ]
-    back = run.strikes.get("key_return_time", ())
-    last = float(back.iloc[-1]) if len(back) else math.nan
-    return {"key_return": last - RELEASED, "return_force": float(max(forces, default=math.nan))}
+    return {"return_force": float(max(forces, default=math.nan))}
+
+
+def _return(action: Action) -> dict[str, float]:
+    """Time from the release of a held press until the hammer is back by 80 % of its blow."""
+    from feltmb.run.simulate import simulate
+    from feltmb.run.stroke import table_stroke
+
+    time, force = [0.0, 0.02, 0.028, LET_GO, LET_GO + 8e-3], [-3.0, -3.0, 4.0, 4.0, -3.0]
+    stroke = table_stroke(time, force, interpolation="linear", duration=LET_GO + 0.5)
+    run = simulate(with_finger(action), stroke, ledger=False, output_rate=2000.0)
+    gap = -run[f"contact{action.config.reading.strike_contact:02d}.compression"]
+    near = run.time[gap < 0.8 * gap[0]]
+    return {"hammer_return": float(near[-1]) - LET_GO if near.size else math.nan}
 
 
 # ---------------------------------------------------------------- the changed mechanisms
@@ -199,7 +212,7 @@ def _felts(config: MechanismFile) -> list[list[str]]:
 def variants(
     action: Action, *, screws: bool = False, targets: Targets | None = None
 ) -> Iterator[tuple[Variant, Action | None]]:
-    """Each felt, friction and spring changed alone, and the screws of the targets if wanted.
+    """Each felt, friction, spring, bushing and strap changed alone, and the screws if wanted.
 
     None instead of a mechanism: it cannot be changed in this way, as a radius below zero.
     """
@@ -236,6 +249,16 @@ def variants(
     for name, spring in config.springs.items():
         part = spring.label or name.replace("_", " ")
         yield from made(part, SPRING, "20 % weaker", -0.2, [f"spring_rate.{name}"], -0.2)
+    for key, bushing in config.bushings.items():
+        path, more = f"bushings.{key}.tightness", bushing.swollen
+        remedy = "Ease the bushing or the hole, and polish the pin."
+        variant = Variant(bushing.label or key, TIGHT, f"{more:g} N tighter", more, remedy, "N")
+        yield variant, action.with_values({path: f"{bushing.tightness + more} N"})
+    for key, strap in config.straps.items():
+        if strap.enabled:
+            part = strap.label.partition(",")[0] or key.replace("_", " ")
+            variant = Variant(part, MISSING, "missing", 1.0, "Renew it.")
+            yield variant, action.with_values({f"straps.{key}.enabled": False})
     if screws:
         yield from _screws(action, targets)
 
@@ -390,7 +413,7 @@ MATTERS = {
     "up_weight": 5.0,
     "twice": 20.0,
     "caught": 30.0,
-    "key_return": 20.0,
+    "hammer_return": 20.0,
     "return_force": 3.0,
 }
 
@@ -416,7 +439,7 @@ def wear(
     """Change each felt, friction and spring alone, and measure what a technician reads.
 
     Each felt is 0.2 and 0.5 mm thinner, or 20 % harder; each friction is doubled; each spring is
-    20 % weaker.
+    20 % weaker; each bushing is swollen; each strap is missing.
 
     Parameters
     ----------
@@ -455,10 +478,7 @@ def wear(
         with ProgressBar(progress, 1 + len(found), "wear") as bar:
             base = measure(action)
             bar.step("as it is")
-            near = base["repetition"] if base["repetition"] > 0.0 else None
-            if near is not None:  # searched as that of the variants: a press may fail in between
-                base["repetition"] = highest_rate(action, key_travel(action), near=near).rate
-            futures = [None if a is None else pool.submit(measure, a, near) for _, a in found]
+            futures = [None if a is None else pool.submit(measure, a) for _, a in found]
             for (variant, _), future in zip(found, futures, strict=True):
                 none = dict.fromkeys(NUMBERS, math.nan)
                 rows.append((variant, none if future is None else future.result()))

@@ -11,6 +11,7 @@ infinite, and the motion approaches the old one linearly.
 from __future__ import annotations
 
 import math
+import sys
 import threading
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
@@ -60,8 +61,10 @@ class Change(Schema):
     """add * magnitude is added to the value [its SI unit / unit of the magnitude]."""
 
     def factor(self, magnitude: float) -> float:
-        """Factor of the value."""
-        return (1.0 + self.scale * magnitude) * math.exp(self.exp * magnitude)
+        """Factor of the value; infinite beyond the largest number."""
+        power = self.exp * magnitude
+        growth = math.exp(power) if power < math.log(sys.float_info.max) else math.inf
+        return (1.0 + self.scale * magnitude) * growth
 
 
 class Insertion(Schema):

@@ -25,7 +25,7 @@ COMMANDS = {
     "touch": ("feltmb.cli.technician:touch", "Static and dynamic touch: weights, let-off, timing."),
     "repeat": (
         "feltmb.cli.technician:repeat",
-        "Repetition: highest rate at which every press strikes, and why.",
+        "Repetition: highest rate up to which every press is a note, and why.",
     ),
     "wear": (
         "feltmb.cli.technician:wear",

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
 
 from unmodeled.cli.options import fields_of, option, pairs
+from unmodeled.errors import InvalidParameter
 
 __all__ = ["TEST", "TestFile"]
 
@@ -32,6 +34,11 @@ class TestFile:
         "Number of the cycle to use; default: the first complete one.", click.IntRange(1)
     )
 
+    frame: str | None = option(
+        "Compliance of the frame of the machine, such as 0.1um/N, or a file with its displacement "
+        "and force without a specimen."
+    )
+
     @property
     def reading(self) -> dict[str, Any]:
         """Arguments of the functions that read a test."""
@@ -41,7 +48,25 @@ class TestFile:
             columns=pairs("--column", self.columns, "QUANTITY=COLUMN"),
             units=pairs("--unit", self.units, "QUANTITY=UNIT"),
         )
-        return {"options": options, "specimen": self.specimen, "cycle": self.cycle}
+        return {
+            "options": options,
+            "specimen": self.specimen,
+            "cycle": self.cycle,
+            "frame": None if self.frame is None else _compliance(self.frame),
+        }
 
 
 TEST = fields_of("feltmb.cli.compression:TestFile")
+
+
+def _compliance(text: str) -> float | Path:
+    """Compliance of a frame [m/N], or the file of a record."""
+    from unmodeled.units import split_quantity
+    from unmodeled.units.quantity import parse_scalar
+
+    if Path(text).exists() or split_quantity(text) is None:
+        return Path(text)
+    try:
+        return parse_scalar(text, "m/N")
+    except ValueError as error:
+        raise InvalidParameter(f"--frame: {error}") from None

@@ -46,8 +46,10 @@ if TYPE_CHECKING:
         ContactFit,
         FeltEnvelope,
         Identification,
+        LawFit,
         LoopUncertainty,
         MeasuredLoop,
+        PooledLaw,
     )
 
 __all__ = ["ZERO", "command", "felt"]
@@ -190,7 +192,14 @@ def contact_command(
     thickness: float | None = option(
         "Thickness without load [m], for a column of strain.", positive("m")
     ),
-    area: float | None = option("Area [m^2], for a column of pressure.", positive("m^2")),
+    area: float | None = option(
+        "Area [m^2], for a column of pressure and for the values of Kawabata's system (KES).",
+        positive("m^2"),
+    ),
+    loss: float | None = option(
+        "Loss of a test of loading only, such as 30%; 0: an elastic law.",
+        Number(0, 1, max_open=True),
+    ),
     read: TestFile = TEST,
     written: _Written = WRITTEN,
     *,
@@ -211,12 +220,24 @@ def contact_command(
 
     written.check()
     found = read_measured_loop(
-        test, zero=zero, points=written.points, thickness0=thickness, area=area, **read.reading
+        test,
+        zero=zero,
+        points=written.points,
+        thickness0=thickness,
+        area=area,
+        loss=loss,
+        **read.reading,
     )
+    kes = {} if area is None else found.kawabata(area)
     if as_json:
-        print_json(_contact_json(found))
+        print_json({**_contact_json(found), **({"kawabata": kes} if kes else {})})
     else:
         _print_contact(found)
+        if kes:
+            say(
+                f"KES: WC {kes['WC']:.4g} J/m^2, LC {kes['LC']:.3f}, RC {100 * kes['RC']:.1f} %, "
+                f"up to {kes['pressure'] / 98.0665:.4g} gf/cm^2 (KES ends at 50)"
+            )
     written.write(found.envelope, lambda: plot_measured_loop(found))
 
 
@@ -233,11 +254,12 @@ def _contact_json(found: MeasuredLoop) -> dict[str, Any]:
         "zero": at,
         "zero_interval": span or None,
         "cycle": found.branches.chosen,
-        "cycles": [asdict(one) for one in found.cycles],
+        "cycles": [{**asdict(one), "speed": finite(one.speed)} for one in found.cycles],
         "largest_compression": made.closing,
         "largest_force": float(made.loading[-1]),
         "loss": made.loss,
         "loss_of_samples": found.loss,
+        "loss_factor": found.loss_factor,
         "uncertainty": {
             "cycles": sure.cycles,
             "zero": sure.zero,
@@ -264,20 +286,22 @@ def _print_contact(found: MeasuredLoop) -> None:
     if span:
         given = f"95 %: {1e3 * span[0]:.4g} to {1e3 * span[1]:.4g} mm; --zero"
     say(f"{what} at the first contact: {at * 1e3:.4g} mm ({given})")
+    sd = f" ± {100 * sure.loss:.2g}" if sure.loss > 0.0 else ""
     say(
-        f"loss of the loop: {100 * made.loss:.2f} ± {100 * sure.loss:.2g} % of the loading "
-        f"work; of the samples of its cycle: {100 * found.loss:.2f} %"
+        f"loss of the loop: {100 * made.loss:.2f}{sd} % of the loading work; of the samples of its "
+        f"cycle: {100 * found.loss:.2f} % (loss factor, tan delta: {found.loss_factor:.3f})"
     )
     if len(found.cycles) > 1:
         show(
             "Cycles",
-            ">cycle | >from [mm] | >to [mm] | >force [N] | >loss [%] | >± [%]",
+            ">cycle | >from [mm] | >to [mm] | >force [N] | >speed [mm/s] | >loss [%] | >± [%]",
             [
                 (
                     f"{c.number}{' *' if c.number == found.branches.chosen else ''}",
                     f"{1e3 * c.low:.4g}",
                     f"{1e3 * c.top:.4g}",
                     f"{c.force:.4g}",
+                    f"{1e3 * c.speed:.3g}" if math.isfinite(c.speed) else "-",
                     f"{100 * c.loss:.2f}",
                     f"{100 * c.sd:.2g}",
                 )
@@ -308,6 +332,140 @@ def _memory(found: MeasuredLoop) -> str:
         f"memory: kappa = {kappa:.4g} ({about}), wiping_out = "
         f"{found.memory.get('wiping_out', 0.0):g} (of 0 and {WIPING_OUT}, the one that follows the "
         "test better; no uncertainty)"
+    )
+
+
+@declare("law", felt, "Fit a law with few parameters to TESTS: loading, relaxation, rate.")
+def law_command(
+    tests: tuple[Path, ...] = argument(FILE),
+    law: str = option(
+        "power and van_wyk (of loading; van_wyk_3 with its exponent 3), maxwell (branches of the "
+        "hold under the largest load), stulov and rate (of cycles of several speeds).",
+        click.Choice(["power", "van_wyk", "van_wyk_3", "maxwell", "stulov", "rate"]),
+        "power",
+    ),
+    zero: float | None = option(
+        "Displacement (or thickness) at the first contact [m]; default: fitted.", Quantity("m")
+    ),
+    thickness: float | None = option(
+        "Thickness at the first contact [m], for strain and van Wyk's law.", positive("m")
+    ),
+    area: float | None = option("Area [m^2], for a column of pressure.", positive("m^2")),
+    read: TestFile = TEST,
+    out: Path | None = option("Keys of a contact with the law, TOML.", FileName(".toml")),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Fit a law to TESTS. Several tests of loading are specimens of one law.
+
+    The columns are those of `felt contact`. A test of loading only is enough for power and van_wyk;
+    the loss stays open. maxwell, stulov and rate need a column of time.
+    """
+    from feltmb.felt import fit_law, pool, read_specimen
+    from feltmb.felt.laws import LOADING
+    from unmodeled.errors import InvalidParameter
+
+    check_targets(out, force=force)
+    reading = {k: v for k, v in read.reading.items() if k != "cycle"}
+    given = {"zero": zero, "thickness0": thickness, "area": area, **reading}
+    found = [read_specimen(test, **given) for test in tests]
+    several = len(found) > 1
+    if several and law not in LOADING:
+        raise InvalidParameter(f"--law {law} is of one test, got {len(found)}")
+    if out is not None and (several or law.startswith("van_wyk")):
+        raise InvalidParameter(
+            f"{out}: --law {law} of {len(found)} tests is no contact law; expected power, maxwell, "
+            "stulov or rate of one test (felt contact makes a table of any loop)"
+        )
+    pooled = pool(found, law, thickness=thickness) if several else None  # type: ignore[arg-type]
+    fits = pooled.fits if pooled else (fit_law(found[0], law, thickness=thickness),)  # type: ignore[arg-type]
+    if as_json:
+        every: list[LawFit | PooledLaw] = [*fits, *filter(None, [pooled])]
+        print_json([_law_json(one) for one in every])
+    else:
+        _print_laws(fits, pooled)
+    warn([note for test in found for note in test.notes])
+    save_text(out, fits[0].to_toml, force=force)
+
+
+def _law_json(one: LawFit | PooledLaw) -> dict[str, Any]:
+    keys = ("name", "law", "values", "interval", "rms", "relative", "undetermined", "warnings")
+    made = {key: getattr(one, key) for key in keys if hasattr(one, key)}
+    if hasattr(one, "scatter"):
+        made |= {key: getattr(one, key).tolist() for key in ("compression", "force", "scatter")}
+    return made
+
+
+def _print_laws(fits: Sequence[LawFit], pooled: PooledLaw | None) -> None:
+    from feltmb.felt.laws import UNITS
+
+    rows: list[Sequence[str]] = []
+    every: list[LawFit | PooledLaw] = [*fits, *filter(None, [pooled])]
+    for one in every:
+        name = getattr(one, "name", "all specimens")
+        for key, value in one.values.items():
+            low, high = one.interval.get(key, (math.nan, math.nan))
+            ends = ("given", "") if math.isnan(low) else (f"{low:.4g}", f"{high:.4g}")
+            if key in getattr(one, "undetermined", ()):
+                ends = ("undetermined", "")
+            rows.append((name, key, UNITS.get(key, "-"), f"{value:.5g}", *ends))
+            name = ""
+    show(
+        f"Law {fits[0].law}, intervals of 95 %",
+        "test | parameter | unit | >value | >from | >to",
+        rows,
+    )
+    for fit in fits:
+        say(f"{fit.name}: off by {fit.rms:.4g} N rms, typically {100 * fit.relative:.3g} %")
+    if pooled is not None:
+        show(
+            "Scatter between specimens",
+            ">compression [mm] | >force of the law [N] | >± [N] | >± [%]",
+            [
+                (f"{1e3 * e:.4g}", f"{f:.4g}", f"{s:.2g}", f"{100 * s / f:.3g}")
+                for e, f, s in zip(pooled.compression, pooled.force, pooled.scatter, strict=True)
+            ],
+        )
+    warn([f"{fit.name}: {text}" for fit in fits for text in fit.warnings])
+
+
+@declare("bulk", felt, "Density, area weight, porosity, fineness and volume fraction of a felt.")
+def bulk_command(
+    v_f: float | None = option("Volume fraction [-].", FRACTION),
+    density: float | None = option("Density, such as 200kg/m3.", positive("kg/m^3")),
+    porosity: float | None = option("Share of the volume without fibers.", FRACTION),
+    area_weight: float | None = option("Mass per area, such as 800g/m2.", positive("kg/m^2")),
+    thickness: float | None = option("Thickness without load, such as 6mm.", positive("m")),
+    diameter: float | None = option("Diameter of the fibers, such as 25um.", positive("m")),
+    fineness: float | None = option("Fineness of the fibers, such as 6dtex.", positive("kg/m")),
+    fiber_density: float = option("Density of the fibers.", positive("kg/m^3"), "1310kg/m3"),
+    *,
+    as_json: bool,
+) -> None:
+    """Print all numbers of a felt from those that are known, such as its density."""
+    from feltmb.felt import bulk
+
+    made = bulk(
+        v_f=v_f, density=density, porosity=porosity, area_weight=area_weight, thickness=thickness,
+        diameter=diameter, fineness=fineness, fiber_density=fiber_density,
+    )  # fmt: skip
+    if as_json:
+        print_json(made)
+        return
+    units = {
+        "v_f": ("-", 1.0), "density": ("kg/m^3", 1.0), "porosity": ("-", 1.0),
+        "area_weight": ("g/m^2", 1e3), "thickness": ("mm", 1e3), "diameter": ("um", 1e6),
+        "fineness": ("dtex", 1e7), "fiber_density": ("kg/m^3", 1.0),
+    }  # fmt: skip
+    show(
+        "Felt without load",
+        "number | unit | >value",
+        [
+            (name, unit, f"{factor * value:.5g}")
+            for name, (unit, factor) in units.items()
+            if (value := made.get(name)) is not None
+        ],
     )
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from feltmb.cli.completing import actions
+from feltmb.cli.completing import actions, packaged
 from unmodeled.cli.options import (
     FORCE,
     FileName,
@@ -22,6 +22,7 @@ from unmodeled.cli.options import (
 )
 from unmodeled.cli.screen import (
     check_targets,
+    complain,
     console,
     print_json,
     save_figure,
@@ -32,7 +33,7 @@ from unmodeled.cli.screen import (
 )
 
 if TYPE_CHECKING:
-    from feltmb.keyboard import Balance
+    from feltmb.keyboard import Balance, VelocityCurve
 
 __all__ = ["command"]
 
@@ -70,7 +71,7 @@ def _analyzed(file: Path, key_ratio: float | None, whippen: float | None) -> Bal
     return analyze(read_keyboard(file), key_ratio=key_ratio, whippen_weight=weight)
 
 
-@declare("weights", command)
+@declare("weights", command, "Balance, outliers, list of work of a keyboard.")
 def weights(
     file: Path = argument(),
     key_ratio: float | None = RATIO,
@@ -142,7 +143,7 @@ def weights(
     save_figure(image, lambda: draw(balance), force=force)
 
 
-@declare("action", command)
+@declare("action", command, "Set up the action of one key.")
 def action(
     file: Path = argument(),
     key: int = argument(count(1, 108)),
@@ -175,3 +176,203 @@ def action(
         "; ".join(("weights in g", *made.notes)),
     )
     save_text(out, made.to_toml, force=force)
+
+
+# --- ground truth for sensors --------------------------------------------------------------------
+
+ACTION = argument(complete=actions, default="grand_action")
+SENSOR = option(
+    "Packaged sensor or TOML file.",
+    default="reflective",
+    metavar="FILE",
+    complete=packaged("sensors"),
+)
+SEED = option("Seed of the random numbers.", count(0), 0)
+CURVE = option(
+    "Points of the velocity curve, SPEED=VELOCITY, such as 0.3m/s=1,7m/s=127; default: 52 + 25 "
+    "log2(v), v in m/s.",
+    words="--curve",
+    metavar="SPEED=VELOCITY",
+)
+
+
+def _curve(points: tuple[str, ...]) -> VelocityCurve:
+    from feltmb.keyboard import VelocityCurve
+    from unmodeled.cli.options import pairs, parse_option
+
+    if not points:
+        return VelocityCurve()
+    found = sorted(
+        (parse_option("--curve", speed, "m/s"), parse_option("--curve", velocity, "1"))
+        for speed, velocity in pairs("--curve", points, "SPEED=VELOCITY").items()
+    )
+    return VelocityCurve([v for v, _ in found], [n for _, n in found])
+
+
+@declare("sensor", command, "What a sensor reads in a stroke.")
+def sensor_command(
+    action: str = ACTION,
+    sensor: str = SENSOR,
+    stroke: str | None = option(
+        "Packaged stroke, TOML or CSV file; default: a press to --speed.", metavar="FILE"
+    ),
+    speed: float = option(
+        "Speed of the pressing finger at the key bottom [m/s].", positive("m/s"), 0.3
+    ),
+    seed: int = SEED,
+    points: tuple[str, ...] = CURVE,
+    image: Path | None = picture("Draw the samples with the strikes, and the curve."),
+    out: Path | None = option("Write the samples (CSV).", FileName(".csv"), metavar="FILE"),
+    force: bool = FORCE,
+) -> None:
+    """What a sensor at hammer, key or both reads in a stroke of ACTION, and the true strikes."""
+    from feltmb.keyboard import load_sensor, sensed
+    from feltmb.keyboard.gestures import Press, gesture
+    from feltmb.mechanism import load_action
+    from feltmb.run.stroke import load_stroke
+
+    check_targets(out, pictures=(image,), force=force)
+    described, curve = load_sensor(sensor), _curve(points)
+    played = gesture([Press(speed, 2.0)], "press") if stroke is None else load_stroke(stroke)
+    setup, record = sensed(load_action(action), played, described, seed=seed)
+    for note in described.notes:
+        complain(f"note: {note}")
+    show(
+        f"strikes, {setup.action}, {described.name}: {len(record.samples)} samples",
+        ">time ms | >speed at the string m/s | >MIDI velocity",
+        [(f"{1e3 * t:.2f}", f"{v:.3f}", str(curve.velocity(v))) for t, v in record.truth],
+    )
+    save_text(out, lambda: record.samples.to_csv(float_format="%.7g"), force=force)
+    save_figure(image, lambda: record.plot(setup), force=force)
+
+
+@declare("strokes", command, "Write labelled records (Parquet).")
+def strokes(
+    action: str = ACTION,
+    sensor: str = SENSOR,
+    records: int = option("Number of records.", count(1, 1_000_000), 1000, words="--count"),
+    seed: int = SEED,
+    jobs: int | None = option("Threads; default: one a core.", count()),
+    points: tuple[str, ...] = CURVE,
+    out: Path = option(
+        "Parquet file to be written.", FileName(".parquet"), metavar="FILE", required=True
+    ),
+    force: bool = FORCE,
+) -> None:
+    """Write labelled records: random strokes of ACTION, what the sensor reads, and the truth.
+
+    The strokes are struck, pressed, staccato, repeated and repeated from half returns, from ppp to
+    fff. The same seed makes the same records.
+    """
+    from feltmb.keyboard import labelled_strokes, write_set
+
+    check_targets(out, force=force)
+    curve = _curve(points)
+    with working("simulating"):
+        setup, made = labelled_strokes(action, sensor, records, seed=seed, jobs=jobs)
+        write_set(out, setup, made, curve=curve, force=force)
+    for note in setup.sensor.notes:
+        complain(f"note: {note}")
+    say_written(out)
+
+
+@declare("score", command, "Score an algorithm against the truth.")
+def score_of(
+    algorithm: str = argument(),
+    given: Path | None = option(
+        "Labelled records of feltmb keyboard strokes; default: simulate --count of them.",
+        words="--set",
+        metavar="FILE",
+    ),
+    action: str = option("Action that is played.", default="grand_action", complete=actions),
+    sensor: str = SENSOR,
+    records: int = option("Number of records.", count(1, 1_000_000), 1000, words="--count"),
+    seed: int = SEED,
+    image: Path | None = picture("Draw the errors of speed and time over the speed."),
+    out: Path | None = option("Write all strikes (CSV).", FileName(".csv"), metavar="FILE"),
+    force: bool = FORCE,
+    *,
+    as_json: bool,
+) -> None:
+    """Compare the strikes that ALGORITHM finds with the true ones, by level from ppp to fff.
+
+    ALGORITHM is largest_derivative, model_based, a Python function (FILE.py:FUNCTION) of the
+    samples and the setup, or a program that is called with a CSV file of samples and a JSON file of
+    the setup and prints CSV with the columns time,speed.
+    """
+    from feltmb.keyboard import labelled_strokes, load_algorithm, read_set, score
+
+    check_targets(out, pictures=(image,), force=force)
+    name, function = load_algorithm(algorithm)
+    with working("simulating"):
+        if given is None:
+            setup, made = labelled_strokes(action, sensor, records, seed=seed)
+        else:
+            setup, made = read_set(given)
+        result = score(function, made, setup, name=name)
+    for note in (*setup.sensor.notes, *result.failures[:3]):
+        complain(f"note: {note}")
+    if len(result.failures) > 3:
+        complain(
+            f"note: the algorithm failed in {len(result.failures)} of {result.records} records"
+        )
+    if as_json:
+        rows = result.table.astype(object).where(result.table.notna(), None)
+        print_json({"levels": rows.to_dict("index"), "failures": list(result.failures)})
+    else:
+        show(
+            f"{name}: {setup.sensor.name} in {setup.action}, {result.records} records",
+            "level | >strikes | >missed | >false | >speed rms % | >mean % | >least % | >most % | "
+            ">time rms ms",
+            [
+                (level, *(str(int(v)) for v in row[:3]), *(f"{v:.1f}" for v in row[3:7]),
+                 f"{row[7]:.2f}")
+                for level, row in zip(result.table.index, result.table.to_numpy(), strict=True)
+            ],
+            "errors of the strikes that were found; strikes below 0.2 m/s do not count",
+        )  # fmt: skip
+    save_text(out, lambda: result.strikes.to_csv(index=False, float_format="%.6g"), force=force)
+    save_figure(image, result.plot, force=force)
+
+
+@declare("play", command, "Play a MIDI file on an action.")
+def play_file(
+    file: Path = argument(),
+    action: str = ACTION,
+    points: tuple[str, ...] = CURVE,
+    out: Path | None = option("MIDI file of what was struck.", FileName(".mid", ".midi")),
+    force: bool = FORCE,
+) -> None:
+    """Play the MIDI file FILE on ACTION, and tell what the hammer struck.
+
+    The speed of the finger for a velocity is found by inversion of simulated strokes. All notes are
+    played on this one action.
+    """
+    from feltmb.keyboard import play, read_midi, write_midi
+    from feltmb.keyboard.midi import MidiNote
+    from feltmb.mechanism import load_action
+
+    check_targets(out, force=force)
+    notes, curve = read_midi(file), _curve(points)
+    with working("playing"):
+        played = play(load_action(action), notes, curve)
+    struck = [p for p in played if p.velocity]
+    off = [abs(p.velocity - p.note.velocity) for p in struck]
+    late = [1e3 * abs(p.time - p.note.start) for p in struck]
+    show(
+        f"{file.name} on {action}",
+        "| >",
+        [
+            ("notes", str(len(notes))),
+            ("without a strike", str(len(notes) - len(struck))),
+            ("with further strikes", str(sum(p.bounces > 0 for p in played))),
+            ("largest error of the velocity", str(max(off, default=0))),
+            ("largest error of the time", f"{max(late, default=0.0):.1f} ms"),
+        ],
+    )
+    if out is not None:
+        again = [
+            MidiNote(p.note.number, p.time, max(p.note.end, p.time + 0.005), p.velocity)
+            for p in struck
+        ]
+        say_written(write_midi(out, again, force=force))

@@ -18,7 +18,6 @@ from unmodeled.cli.options import (
     FolderName,
     Number,
     argument,
-    count,
     declare,
     option,
     pairs,
@@ -59,6 +58,9 @@ __all__ = [
 ]
 
 
+#: Millimeters of an inch.
+INCH = 25.4
+
 # --- regulation ----------------------------------------------------------------------------------
 
 
@@ -78,6 +80,7 @@ def regulate(
     out: Path | None = option(
         "Write the regulated mechanism, with its provenance, to this TOML file.", FileName(".toml")
     ),
+    inch: bool = option("Print inches beside millimeters."),
     settings: tuple[str, ...] = SET,
     force: bool = FORCE,
     *,
@@ -105,7 +108,7 @@ def regulate(
         print_json(result.as_dict())
     else:
         screen = console()
-        screen.print(regulation_table(result))
+        screen.print(regulation_table(result, inch=inch))
         turned = screw_table(result) if result.provenance["screws"] else "No screw was turned."
         screen.print(turned)
         for row in result.table:
@@ -128,12 +131,17 @@ def _value(value: float | None, digits: int = 3) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def regulation_table(result: Regulation) -> Any:
+def regulation_table(result: Regulation, *, inch: bool = False) -> Any:
     """Table of each step: target, before and after."""
+
+    def unit(unit: str, value: float | None) -> str:
+        told = inch and unit == "mm" and value is not None
+        return f"mm = {value / INCH:.3f} in" if told and value is not None else unit
+
     counts = ", ".join(f"{number} {what}" for what, number in result.counts.items())
     rounds = f"{result.rounds} round" + ("" if result.rounds == 1 else "s")
     rows = [
-        (r.letter, r.name, r.target, _value(r.before), _value(r.after), r.unit,
+        (r.letter, r.name, r.target, _value(r.before), _value(r.after), unit(r.unit, r.after),
          "holds" if r.holds else "NOT MET")
         for r in result.table
     ]  # fmt: skip
@@ -172,6 +180,7 @@ def touch(
         metavar="ACTION",
         complete=actions,
     ),
+    inch: bool = option("Print inches beside millimeters."),
     settings: tuple[str, ...] = SET,
     force: bool = FORCE,
     *,
@@ -200,15 +209,15 @@ def touch(
     if as_json:
         print_json(result.as_dict() | ({} if earlier is None else {"before": earlier.as_dict()}))
     else:
-        _print_touch(result, earlier)
+        _print_touch(result, earlier, inch=inch)
     if folder is not None:
         for path in result.plot(folder, before=earlier, force=force):
             say_written(path)
 
 
-def _print_touch(result: Touch, earlier: Touch | None) -> None:
+def _print_touch(result: Touch, earlier: Touch | None, *, inch: bool) -> None:
     screen = console()
-    screen.print(touch_table(result, earlier))
+    screen.print(touch_table(result, earlier, inch=inch))
     if result.weights is not None:
         share = result.weights.hammer_share
         screen.print(
@@ -231,7 +240,7 @@ def _sources(result: Touch) -> list[str]:
     return list(dict.fromkeys(row.source for row in result.rows if row.source))
 
 
-def touch_table(result: Touch, before: Touch | None = None) -> Any:
+def touch_table(result: Touch, before: Touch | None = None, *, inch: bool = False) -> Any:
     """Simulated and published values, forces in gram-force; ``before``: of another mechanism."""
     title = f"touch of {result.action.name}"
     if before is not None and before.action.name != result.action.name:
@@ -240,16 +249,16 @@ def touch_table(result: Touch, before: Touch | None = None) -> Any:
     return table(
         title,
         f"| {'>here' if before is None else '>before | >after'} | unit | >published | |",
-        [_touch_cells(row, result, before) for row in result.rows],
+        [_touch_cells(row, result, before, inch=inch) for row in result.rows],
         f"weights: mean over {low:.2f} to {high:.2f} mm of key travel, damper lifted; "
         "empty: nothing published",
     )
 
 
-def _touch_cells(row: TouchRow, result: Touch, before: Touch | None) -> list[str]:
+def _touch_cells(row: TouchRow, result: Touch, before: Touch | None, *, inch: bool) -> list[str]:
     from feltmb.action.touch.pictures import GRAM_FORCE
 
-    digits = 3 if row.unit in ("1", "mm") else 1
+    digits = row.digits
     unit = "" if row.unit == "1" else row.unit
     numbers = [_value(row.value, digits)]
     if before is not None:
@@ -258,6 +267,8 @@ def _touch_cells(row: TouchRow, result: Touch, before: Touch | None) -> list[str
         )
     elif row.value is not None and row.unit == "gf":
         unit = f"gf = {row.value * GRAM_FORCE:.3f} N"
+    if inch and row.value is not None and row.unit == "mm":
+        unit = f"mm = {row.value / INCH:.3f} in"
     published = "" if row.published is None else f"{row.published:g}"
     if row.low is not None and row.high is not None:
         published = f"{row.low:g} to {row.high:g}"
@@ -297,10 +308,10 @@ def strike_table(result: Touch) -> Any:
 @declare("repeat")
 def repeat(
     action: str = argument(complete=actions),
-    speeds: tuple[float, ...] = option(
-        "Speed of the pressing finger [m/s]; default: 0.15 (soft) and 0.5 (hard).",
-        positive("m/s"),
-        words="--speed",
+    forces: tuple[float, ...] = option(
+        "Largest force of the finger [N]; default: 4 (soft) and 10 (firm).",
+        positive("N"),
+        words="--finger",
     ),
     returns: tuple[float, ...] = option(
         "Share of the key travel that the key returns between presses, such as 50%; default: "
@@ -308,9 +319,8 @@ def repeat(
         Number(0, 1, min_open=True),
         words="--return",
     ),
-    presses: int = option("Presses in a run.", count(2, 50), 5),
     highest: float = option(
-        "Rate at which the search ends, presses per second.", Number(2, 50), 16.0
+        "Rate at which the test ends, presses per second.", Number(3, 30, min_open=True), 16.0
     ),
     image: Path | None = picture(
         "Draw the rates with their reasons, and the run with the first failure."
@@ -320,48 +330,51 @@ def repeat(
     *,
     as_json: bool,
 ) -> None:
-    """Find the highest rate at which every press of the key of ACTION strikes.
+    """Find the highest rate up to which every press of the key of ACTION is a note.
 
-    The table tells why the first press fails beyond this rate: the key is too slow, the hammer was
-    not caught, or the jack is not back under the hammer.
+    A finger with a mass and a limited force presses faster and faster. The table tells why the
+    first press fails: the key is too slow, the hammer has not come back, or the jack is not back
+    under the hammer. Ctrl-C ends the test with what was found until then.
     """
-    from feltmb.action.repetition import RETURNS, SPEEDS, repeat
+    from feltmb.action.repetition import FORCES, RETURNS, repeat
 
     check_targets(pictures=(image,), force=force)
     result = repeat(
         load_with_settings(action, settings),
-        speeds=speeds or SPEEDS,
+        forces=forces or FORCES,
         returns=returns or RETURNS,
-        presses=presses,
         highest=highest,
     )
     if as_json:
         print_json(result.as_dict())
     else:
         console().print(repetition_table(result))
+    if result.interrupted:
+        raise KeyboardInterrupt("the rows that say so are lower bounds")
     save_figure(image, result.plot, force=force)
 
 
 def repetition_table(result: Repetition) -> Any:
     """Highest rates with their reasons."""
+    from feltmb.action.repetition import AUDIBLE, BACK, MASS
+
     rows = [
         (
-            f"{row.speed:g}",
+            f"{row.force:g}",
             f"{1e3 * row.key_return * result.travel:.1f}",
             row.rate_text,
-            f"{row.impact_speed:.2f}",
-            "-" if math.isnan(row.weakest) else f"{row.weakest:.2f}",
+            *("-" if math.isnan(v) else f"{v:.2f}" for v in (row.impact_speed, row.weakest)),
             row.sentence,
         )
         for row in result.rows
     ]
     return table(
         f"repetition of {result.action.name}",
-        ">finger m/s | >key returns mm | >highest rate 1/s | >first strike m/s | "
+        ">finger N | >key returns mm | >highest rate 1/s | >first strike m/s | "
         ">weakest strike m/s | above this rate",
         rows,
-        f"{result.presses} presses; a press strikes if it reaches half the impact speed of the "
-        "first one",
+        f"finger of {1e3 * MASS:g} g; a press is a note if the hammer came back by "
+        f"{100.0 * BACK:.0f} % of its way and strikes with {AUDIBLE:g} m/s",
     )
 
 
@@ -389,7 +402,7 @@ def wear(
     """Change each part of ACTION alone, and measure the regulation, touch and repetition.
 
     Each felt is 0.2 and 0.5 mm thinner, or 20 % harder; each friction is doubled; each spring is
-    20 % weaker.
+    20 % weaker; each bushing is swollen; each strap is missing.
     """
     from feltmb.action.wearing import wear
 
@@ -482,6 +495,8 @@ def symptom(
     )
     if found.screws:
         screen.print(f"Screws that take it back: {'; '.join(found.screws)}.")
+    if found.beyond:
+        screen.print(f"Not in the model, look for it as well: {'; '.join(found.beyond)}.")
 
 
 def _numbers(found: Any, action: str) -> str:

@@ -5,6 +5,7 @@ SI units; compression, pressure and contact force are positive in compression. S
 """
 
 from feltmb.felt.auditing import Audit, Cycle, Finding, audit, audit_targets
+from feltmb.felt.bulk import bulk
 from feltmb.felt.envelopes import (
     CircleOnLayer,
     ConstantArea,
@@ -17,8 +18,15 @@ from feltmb.felt.envelopes import (
 )
 from feltmb.felt.fitting import ContactFit, contact_loop, fit_contact
 from feltmb.felt.identification import BranchFit, Identification, identify
+from feltmb.felt.laws import LawFit, PooledLaw, fit_law, pool
 from feltmb.felt.loop_uncertainty import LoopUncertainty
-from feltmb.felt.measured import MeasuredLoop, measured_loop, read_measured_loop
+from feltmb.felt.measured import (
+    MeasuredLoop,
+    Specimen,
+    measured_loop,
+    read_measured_loop,
+    read_specimen,
+)
 from feltmb.fiber.material import (
     Branch,
     BranchCurve,
@@ -43,19 +51,26 @@ __all__ = [
     "Fiber",
     "Finding",
     "Identification",
+    "LawFit",
     "LoopUncertainty",
     "MeasuredLoop",
+    "PooledLaw",
+    "Specimen",
     "SphereOnLayer",
     "audit",
     "audit_targets",
+    "bulk",
     "contact_loop",
     "envelope",
     "fit_contact",
+    "fit_law",
     "identify",
     "load_envelope",
     "load_material",
     "measured_loop",
     "packaged_materials",
     "parse_area",
+    "pool",
     "read_measured_loop",
+    "read_specimen",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from feltmb.fiber.cycles import HIGHEST, LOWEST, Branches
 from unmodeled.arguments import checked
 
 __all__ = [
+    "SAME_SPEED",
     "CycleLoss",
     "Cycles",
     "LoopUncertainty",
@@ -30,6 +31,8 @@ Array = NDArray[np.float64]
 WORK_POINTS, LEAST_SAMPLES = 201, 4
 #: Standard error of a median over that of a mean.
 MEDIAN = 1.25
+#: Largest ratio of the speeds of cycles that count as equal.
+SAME_SPEED = 2.0
 #: Probability of an interval of plus and minus one standard uncertainty.
 COVERED = 0.6827
 
@@ -51,7 +54,7 @@ class LoopUncertainty:
     unloading: Array
     """The same of unloading [N]."""
     loss: float
-    """Standard uncertainty of the lost share of the loading work [1]."""
+    """Standard uncertainty of the lost share of the loading work [1]; 0 if it is given."""
     zero: float
     """Standard uncertainty of the first contact [m], whatever its toe; 0 if it is given. Those of
     the forces are at the same displacement and do not contain it."""
@@ -89,7 +92,9 @@ class CycleLoss:
     loss: float
     """Share of the loading work that is lost [1]."""
     sd: float
-    """Its standard uncertainty, from the scatter of the samples [1]."""
+    """Its standard uncertainty, from the scatter of the samples and the load cell's drift [1]."""
+    speed: float = math.nan
+    """Mean speed of its loading [m/s]; NaN without a clock."""
 
 
 @dataclass(frozen=True)
@@ -104,11 +109,21 @@ class Cycles:
     """Losses of all of them."""
 
 
-def complete_cycles(e: Array, force: Array, branches: Branches, grid: Array, load: Array) -> Cycles:
+def complete_cycles(
+    e: Array,
+    force: Array,
+    branches: Branches,
+    grid: Array,
+    load: Array,
+    *,
+    time: Array | None = None,
+    drift: float = 0.0,
+) -> Cycles:
     """Curves of each complete cycle, as far as the largest compression of the loop, and losses.
 
     Beyond its own end, a cycle grows as the loading of the loop. Unloading is scaled to the largest
-    compression and to the force of loading there, as in the law with memory.
+    compression and to the force of loading there, as in the law with memory. Cycles with another
+    speed than the loop are no repetitions.
 
     Parameters
     ----------
@@ -118,7 +133,16 @@ def complete_cycles(e: Array, force: Array, branches: Branches, grid: Array, loa
         Reversals and holds of the test.
     grid, load
         Rows of the envelope: compression [m] and force of loading [N].
+    time
+        Time of each sample [s].
+    drift
+        Standard error of the force of unloading relative to that of loading [N].
     """
+    speeds = {
+        number: math.nan if time is None else float((e[b] - e[a]) / max(time[b] - time[a], 1e-300))
+        for number, (a, b, _) in branches.loops.items()
+    }
+    own = speeds.get(branches.chosen, math.nan)
     used = e >= 0.0
     used[branches.held] = False
     first, end = max(float(np.min(e)), 0.0), float(grid[-1])
@@ -130,7 +154,10 @@ def complete_cycles(e: Array, force: Array, branches: Branches, grid: Array, loa
             continue
         top = float(e[b])
         rise, fall = (monotone_curve(e[s], force[s], top) for s in sides)
-        losses.append(_loss(number, rise, fall, max(float(np.min(e[s])) for s in sides), top))
+        begin, speed = max(float(np.min(e[s])) for s in sides), speeds[number]
+        losses.append(replace(_loss(number, rise, fall, begin, top, drift), speed=speed))
+        if speed > SAME_SPEED * own or own > SAME_SPEED * speed:
+            continue
         if e[b] < high or max(e[a], e[c]) > low or min(s.size for s in sides) < LEAST:
             continue
         grown = load / np.interp(top, grid, load)
@@ -141,7 +168,7 @@ def complete_cycles(e: Array, force: Array, branches: Branches, grid: Array, loa
 
 
 def _loss(
-    number: int, rise: MonotoneCurve, fall: MonotoneCurve, low: float, top: float
+    number: int, rise: MonotoneCurve, fall: MonotoneCurve, low: float, top: float, drift: float
 ) -> CycleLoss:
     """Loss of the loop of two curves."""
     grid = np.linspace(low, top, WORK_POINTS)
@@ -153,6 +180,7 @@ def _loss(
         return CycleLoss(number, low, top, force, math.nan, math.nan)
     slopes = width * work[1] / work[0] ** 2, -width / work[0]
     errors = [w @ curve.errors(grid) for w, curve in zip(slopes, (rise, fall), strict=True)]
+    errors.append(np.array([float(np.sum(slopes[1])) * drift]))
     sd = float(np.linalg.norm(np.concatenate(errors)))
     return CycleLoss(number, low, top, force, 1.0 - work[1] / work[0], sd)
 
@@ -166,7 +194,7 @@ def loop_uncertainty(
     cycles: Cycles,
     *,
     zero: float,
-    offset: float,
+    offset: tuple[float, float],
 ) -> LoopUncertainty:
     """Standard uncertainties of an envelope.
 
@@ -184,7 +212,8 @@ def loop_uncertainty(
     zero
         Standard uncertainty of the first contact [m].
     offset
-        Standard error of the force of the approach that was subtracted [N].
+        Standard errors of the force of the approach that was subtracted, and of the force of
+        unloading relative to that of loading [N].
     """
     width = np.gradient(grid)
     width[[0, -1]] *= 0.5  # weights of the trapezoidal rule at its ends
@@ -198,7 +227,8 @@ def loop_uncertainty(
         w @ (law - curve.at(grid))
         for w, law, curve in zip(slope, (load, back), curves, strict=True)
     )
-    lost = np.array([*up, *down, (slope[0] + slope[1]) @ errors[0][:, -1], moved])
+    common = [sum(w @ e[:, k] for w, e in zip(slope, errors, strict=True)) for k in (-2, -1)]
+    lost = np.array([*up, *down, *common, moved])
     bends = [np.pad(np.abs(np.diff(branch, 2)) / 8.0, 1) for branch in (load, back)]
     lost = np.append(lost, sum(np.abs(w) @ bend for w, bend in zip(slope, bends, strict=True)))
     sd = [np.linalg.norm(v, axis=-1) for v in (*errors, lost)]
@@ -212,15 +242,18 @@ def loop_uncertainty(
 
 
 def envelope_errors(
-    grid: Array, curves: tuple[MonotoneCurve, MonotoneCurve], meeting: Array, offset: float
+    grid: Array,
+    curves: tuple[MonotoneCurve, MonotoneCurve],
+    meeting: Array,
+    offset: tuple[float, float],
 ) -> tuple[Array, Array]:
-    """Independent errors of loading and unloading (rows, errors) [N]; the last is the offset's."""
+    """Independent errors of both branches (rows, errors) [N]; the last two are those of offset."""
     up, down = (curve.errors(grid) for curve in curves)
-    common = np.where(grid > 0.0, offset, 0.0)[:, None]
+    common, drift = (np.where(grid > 0.0, sd, 0.0)[:, None] for sd in offset)
     # Unloading meets loading at the end, and has its error there.
     return (
-        np.hstack([up, np.zeros_like(down), common]),
-        np.hstack([np.outer(meeting, up[-1]), down - np.outer(meeting, down[-1]), common]),
+        np.hstack([up, np.zeros_like(down), common, 0.0 * drift]),
+        np.hstack([np.outer(meeting, up[-1]), down - np.outer(meeting, down[-1]), common, drift]),
     )
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from feltmb.contact import Law
 from feltmb.felt.envelopes import FeltEnvelope
 from feltmb.felt.loop_uncertainty import (
+    SAME_SPEED,
     CycleLoss,
     Cycles,
     LoopUncertainty,
@@ -27,23 +28,25 @@ from feltmb.felt.loop_uncertainty import (
     loop_uncertainty,
     offset_error,
 )
-from feltmb.felt.monotone import EXPONENTS, LOWEST, MonotoneCurve, monotone_curve
+from feltmb.felt.monotone import LOWEST, MonotoneCurve, monotone_curve
 from feltmb.felt.transition import transition_uncertainty
-from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of
+from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of, smooth_zero
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
+from feltmb.fiber.machine import drift_of, saturation, without_frame
 from unmodeled.arguments import checked
 from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
 
-__all__ = ["MeasuredLoop", "measured_loop", "read_measured_loop"]
+__all__ = ["MeasuredLoop", "Specimen", "measured_loop", "read_measured_loop", "read_specimen"]
 
 Array = NDArray[np.float64]
 
 #: First force that counts as a preload: multiples of the scatter of the force.
 PRELOAD = 5.0
-#: The compression that a preloaded test lacks is estimated up to this multiple of its first force.
-BEGINNING = 3.0
+#: The compression that a preloaded test lacks is estimated up to this multiple of its first force,
+#: and at most this multiple of the compression there.
+BEGINNING, FARTHEST = 3.0, 20.0
 #: Range of the transition length of the law, and its wiping out of inner loops (docs: model.md).
 KAPPA, WIPING_OUT = (0.002, 1.0), 0.2
 #: Exponent of the share of the compression with which unloading is raised to meet loading.
@@ -111,6 +114,42 @@ class MeasuredLoop:
         """Share of the loading work that the samples lose where both branches have samples [-]."""
         return next((c.loss for c in self.cycles if c.number == self.branches.chosen), math.nan)
 
+    @property
+    def loss_factor(self) -> float:
+        """Loss factor (tan delta) of a linear solid with the same loss in the same cycle [1].
+
+        The cycle goes from zero to its largest compression and back, about half of it.
+        """
+        return 4.0 * self.loss / (math.pi * (2.0 - self.loss))
+
+    def kawabata(self, area: float) -> dict[str, float]:
+        """Values of the compression test of Kawabata's system (KES-FB3).
+
+        Parameters
+        ----------
+        area
+            Area of the sample [m^2].
+
+        Returns
+        -------
+        dict
+            ``WC``, work of compression [J/m^2]; ``LC``, its ratio to that of a linear law [1];
+            ``RC``, share of the work that comes back [1]; ``pressure``, the largest one [Pa]: KES
+            ends at 50 gf/cm^2, and its values are for tests that end there.
+
+        Raises
+        ------
+        InvalidParameter
+            The area is not a positive number.
+        """
+        if not (math.isfinite(area) and area > 0.0):
+            raise InvalidParameter(f"kawabata: area = {area:g} m^2, must be finite and > 0")
+        made = self.envelope
+        work = float(np.trapezoid(made.loading, made.compression)) / area
+        pressure = float(made.loading[-1]) / area
+        linear = 0.5 * pressure * made.closing
+        return {"WC": work, "LC": work / linear, "RC": 1.0 - self.loss, "pressure": pressure}
+
 
 @checked
 def read_measured_loop(
@@ -122,6 +161,8 @@ def read_measured_loop(
     thickness0: float | None = None,
     area: float | None = None,
     specimen: str = "",
+    frame: float | str | Path | None = None,
+    loss: float | None = None,
     options: ReadOptions | None = None,
 ) -> MeasuredLoop:
     """Contact law from a file with compression and force of a pair.
@@ -139,8 +180,79 @@ def read_measured_loop(
         Thickness without load [m] and area [m^2], for a column of strain or pressure.
     specimen
         Which one of several specimens.
+    frame
+        Compliance of the frame of the machine [m/N], or the file of a record without a specimen.
+    loss
+        As in :func:`measured_loop`.
     options
         Columns and units of the quantities.
+
+    Raises
+    ------
+    DataError
+        The file has faults; all of them are in the message.
+    """
+    test = read_specimen(
+        path,
+        zero=zero,
+        thickness0=thickness0,
+        area=area,
+        specimen=specimen,
+        frame=frame,
+        options=options,
+    )
+    try:
+        found = _measured_loop(
+            test.displacement,
+            test.force,
+            time=test.time,
+            zero=test.zero,
+            cycle=cycle,
+            loss=loss,
+            points=points,
+            name=test.name,
+            by_thickness=test.by_thickness,
+        )
+    except InvalidParameter as error:
+        raise DataError(f"{path}: {error}") from None
+    return replace(found, notes=(*test.notes, *found.notes))
+
+
+@checked
+@dataclass(frozen=True)
+class Specimen:
+    """A compression test of a pair in the order of its samples."""
+
+    name: str
+    displacement: Array
+    """Displacement, compression positive [m]; minus the thickness in a test by thickness."""
+    force: Array
+    """Force, compression positive [N]."""
+    time: Array | None = None
+    """Time [s]; None if it is not known."""
+    zero: float | None = None
+    """Displacement at the first contact [m]; None: estimated."""
+    by_thickness: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@checked
+def read_specimen(
+    path: str | Path,
+    *,
+    zero: float | None = None,
+    thickness0: float | None = None,
+    area: float | None = None,
+    specimen: str = "",
+    frame: float | str | Path | None = None,
+    options: ReadOptions | None = None,
+) -> Specimen:
+    """Read a test of a pair of any kind: loading only, cycles, holds.
+
+    Parameters
+    ----------
+    path, zero, thickness0, area, specimen, frame, options
+        As in :func:`read_measured_loop`.
 
     Raises
     ------
@@ -165,6 +277,10 @@ def read_measured_loop(
     ]
     if lacking:
         raise DataError(f"{file}: {'; '.join(lacking)}")
+    try:
+        table = without_frame(table, frame, thickness0=thickness0, area=area)
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from None
     by_thickness = table.compression == "thickness"
     if by_thickness and table.x.min() <= 0.0:
         raise DataError(f"{file}: thickness down to {table.x.min():.4g} m, expected > 0")
@@ -173,19 +289,16 @@ def read_measured_loop(
         zero = 0.0
     order = _order(sign * table.x, table.branches)
     x, force = table.x[order], table.loads[order]
-    try:
-        found = _measured_loop(
-            sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
-            force * area if table.load == "pressure" and area else force,
-            zero=None if zero is None else sign * zero,
-            cycle=cycle,
-            points=points,
-            name=file.stem,
-            by_thickness=by_thickness,
-        )
-    except InvalidParameter as error:
-        raise DataError(f"{file}: {error}") from None
-    return replace(found, notes=(*table.notes, *found.notes))
+    in_order = bool(np.all(np.diff(order) > 0))
+    return Specimen(
+        file.stem,
+        sign * (x * thickness0 if table.compression == "strain" and thickness0 else x),
+        force * area if table.load == "pressure" and area else force,
+        table.time if in_order else None,
+        None if zero is None else sign * zero,
+        by_thickness,
+        table.notes,
+    )
 
 
 def _order(x: Array, branches: list[str]) -> NDArray[np.intp]:
@@ -203,8 +316,10 @@ def measured_loop(
     displacement: Array,
     force: Array,
     *,
+    time: Array | None = None,
     zero: float | None = None,
     cycle: int | None = None,
+    loss: float | None = None,
     points: int = 193,
     name: str = "loop",
 ) -> MeasuredLoop:
@@ -226,11 +341,16 @@ def measured_loop(
         Displacement in the order of the test [m], compression positive, (n,).
     force
         Force [N], compression positive, (n,).
+    time
+        Time of each sample [s], (n,), for the speeds of the cycles and the drift of the load cell.
     zero
         Displacement at the first contact [m]; default: the beginning of a smooth toe of the first
         loading (of ``cycle``, if it is given).
     cycle
         Number of the cycle that is the loop, from 1; default: the first complete one.
+    loss
+        Share of the loading work that is lost [1], for a test of loading only. Its unloading is
+        then loading times a power of the compression, an assumption.
     points
         Number of rows of the table, at least 5; the rows are denser at small compression.
     name
@@ -242,8 +362,9 @@ def measured_loop(
         The arrays are no loop, or an argument is out of range; all faults are in the message.
     """
     return _measured_loop(
-        displacement, force, zero=zero, cycle=cycle, points=points, name=name, by_thickness=False
-    )
+        displacement, force, time=time, zero=zero, cycle=cycle, loss=loss, points=points,
+        name=name, by_thickness=False,
+    )  # fmt: skip
 
 
 def _first_loading(branches: Branches, loading: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -278,8 +399,10 @@ def _measured_loop(
     displacement: Array,
     force: Array,
     *,
+    time: Array | None,
     zero: float | None,
     cycle: int | None,
+    loss: float | None,
     points: int,
     name: str,
     by_thickness: bool,
@@ -289,7 +412,14 @@ def _measured_loop(
     faults = [*_sample_faults(x, f)]
     if points < 5:
         faults.append(f"points = {points}, must be >= 5")
+    clock = np.arange(x.size, dtype=float) if time is None else np.asarray(time, dtype=float)
+    if clock.shape != x.shape or not np.all(np.diff(clock) >= 0.0):
+        faults.append(f"time {clock.shape}, expected one that runs on, as long as displacement")
+    if loss is not None and not 0.0 <= loss < 1.0:
+        faults.append(f"loss = {loss:g}, must be >= 0 and < 1")
     _refuse(faults)
+    if loss is not None:
+        x, f, clock = _with_unloading(x, f, clock, loss, zero)
     try:
         branches = find_branches(x, cycle)
     except InvalidParameter as error:
@@ -301,6 +431,8 @@ def _measured_loop(
         for side, at in sides.items()
         if at.size < LEAST
     ]
+    if faults and loading.size >= LEAST:
+        faults.append("of a test of loading only, give the loss (loss, --loss 30%; 0: elastic)")
     least, most = float(np.min(x)), float(np.max(x))
     if zero is not None and not 2.0 * least - most <= zero < most:
         faults.append(
@@ -308,11 +440,14 @@ def _measured_loop(
             f"test: {least:.6g} to {most:.6g} m"
         )
     _refuse(faults)
+    limit = saturation(x[branches.kept], f[branches.kept], branches.loading)
+    _refuse([limit] if limit else [])
     given = zero is not None
     first = loading if cycle is not None else _first_loading(branches, loading)
     contact = free_approach(x[first], f[first], zero)
     zero, offset = contact.zero, contact.level
-    e, f = x - zero, f - offset
+    drift = drift_of(x, f, clock, zero)
+    e, f = x - zero, f - offset - (0.0 if drift is None else drift.force)
     beyond = {side: int(np.sum(e[at] > 0.0)) for side, at in sides.items()}
     _refuse(
         f"zero = {zero:.6g} m: {number} samples of {side} beyond it, expected at least {LEAST}"
@@ -330,8 +465,10 @@ def _measured_loop(
     load = curves[0].at(grid)
     made = _envelope(grid, load, curves[1].at(grid), meeting, name)
     made = replace(made, memory=_memory(made, e, f, branches))
-    unsure = offset_error(curves[0]) if offset else 0.0
-    cycles = complete_cycles(e, f, branches, grid, load)
+    unsure = offset_error(curves[0]) if offset else 0.0, drift.error if drift else 0.0
+    cycles = complete_cycles(
+        e, f, branches, grid, load, time=None if time is None else clock, drift=unsure[1]
+    )
     sure = loop_uncertainty(
         grid, made.loading, made.unloading, curves, meeting, cycles, zero=contact.sd, offset=unsure
     )
@@ -354,7 +491,46 @@ def _measured_loop(
     ]
     if offset:
         notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
+    if loss is not None:
+        notes.append(
+            f"loading only: the loss of {100 * loss:.3g} % is an assumption, and so is unloading, "
+            "loading times a power of the compression"
+        )
+        sure = replace(found.uncertainty, loss=0.0, unloading=found.uncertainty.loading)
+        found = replace(found, uncertainty=sure)
+    if drift and drift.total:
+        notes.append(
+            f"the load cell drifts by {drift.total:.3g} N from the first free part of the test to "
+            "the last one: this is subtracted, in proportion to the time between them"
+        )
     return replace(found, notes=tuple(notes))
+
+
+def _with_unloading(
+    x: Array, f: Array, clock: Array, loss: float, zero: float | None
+) -> tuple[Array, Array, Array]:
+    """Displacement, force and time of loading, and of an unloading with this loss."""
+    from scipy.optimize import brentq
+
+    branches = find_branches(x)
+    at = branches.kept[branches.loading]
+    if branches.kept.size - at.size >= LEAST:
+        _refuse(["loss: the test has unloading, and with it a loss"])
+    if at.size < LEAST:
+        _refuse([f"{at.size} samples of loading, expected at least {LEAST}"])
+    x, f, clock = x[at], f[at], clock[at]
+    contact = free_approach(x, f, zero)
+    share = np.maximum(x - contact.zero, 0.0) / (float(np.max(x)) - contact.zero)
+    felt = f - contact.level
+    work = float(np.trapezoid(np.where(share > 0.0, felt, 0.0), x))
+
+    def lost(power: float) -> float:
+        return 1.0 - float(np.trapezoid(felt * share**power * (share > 0.0), x)) / work
+
+    power = brentq(lambda p: lost(p) - loss, 0.0, 200.0) if loss else 0.0
+    back = (contact.level + np.where(share > 0.0, felt * share**power, felt))[-2::-1]
+    later = clock[-1] + (clock[-1] - clock[-2::-1])
+    return np.r_[x, x[-2::-1]], np.r_[f, back], np.r_[clock, later]
 
 
 def _envelope(grid: Array, load: Array, back: Array, meeting: Array, name: str) -> FeltEnvelope:
@@ -490,6 +666,15 @@ def _notes(found: MeasuredLoop, *, given: bool) -> list[str]:
                 f"earlier cycles went to {1e3 * earlier:.4g} mm: up to there, the loading of the "
                 "loop is that of a felt which was compressed before"
             )
+    speeds = {c.number: c.speed for c in found.cycles if c.speed > 0.0}
+    if speeds and max(speeds.values()) > SAME_SPEED * min(speeds.values()):
+        own = speeds.get(branches.chosen, math.nan)
+        notes.append(
+            f"the cycles have speeds of {1e3 * min(speeds.values()):.3g} to "
+            f"{1e3 * max(speeds.values()):.3g} mm/s, and the law does not depend on the rate: it "
+            f"is that of cycle {branches.chosen} at {1e3 * own:.3g} mm/s. Compare the losses of "
+            "the cycles; only those of about the same speed count as repetitions"
+        )
     if branches.holds:
         first, last = max(branches.holds, key=lambda hold: force[hold[0]])
         notes.append(
@@ -520,34 +705,18 @@ def _preload(found: MeasuredLoop, *, given: bool) -> str | None:
         return note
     above = np.flatnonzero(force > BEGINNING * first)
     end = int(above[0]) if above.size else e.size
-    missing = _missing(e[:end] - e[0], force[:end], first, float(slope)) if end > LEAST else None
+    span = float(e[end - 1] - e[0])
+    missing = 0.0
+    if end > LEAST and slope > 0.0 and span > 0.0:
+        farthest = float(e[0]) - FARTHEST * span
+        zero = smooth_zero(e[:end], force[:end], (farthest, float(e[0])), approach=False)
+        missing = float(e[0]) - zero if zero > farthest + 0.01 * span else 0.0
     what = "thickness" if found.by_thickness else "displacement"
-    if missing is None:
+    if missing < 1e-3 * span:
         return f"{note}; give the {what} at the first contact (zero, --zero)"
     zero = (missing - e[0] - found.zero) * (1.0 if found.by_thickness else -1.0)
     return (
-        f"{note}; by a power law through the samples up to {BEGINNING * first:.3g} N, the test "
+        f"{note}; by a smooth toe through the samples up to {BEGINNING * first:.3g} N, the test "
         f"lacks about {1e3 * missing:.2g} mm of compression: give the {what} at the first contact "
         f"(zero), about --zero={1e3 * zero:.3g}mm, if the force is no offset of the load cell"
     )
-
-
-def _missing(e: Array, force: Array, first: float, slope: float) -> float | None:
-    """Compression before the first sample [m], by a power law; None if the samples do not tell."""
-    from scipy.optimize import least_squares
-
-    span = float(e[-1])
-    if not slope > 0.0 or not span > 0.0:
-        return None
-
-    def difference(p: Array) -> Array:
-        missing, power = p
-        basis = (1.0 + e / (missing * span)) ** power
-        return np.asarray((basis * (basis @ force) / (basis @ basis) - force) / first)
-
-    bounds = ([1e-3, EXPONENTS[0]], [1e2, EXPONENTS[1]])
-    guess = np.clip([first / (slope * span), 1.5], 1.01 * np.array(bounds[0]), bounds[1])
-    fit = least_squares(difference, guess, bounds=bounds)
-    if not bounds[0][0] * 1.01 < fit.x[0] < bounds[1][0] * 0.99:
-        return None
-    return float(fit.x[0] * span)

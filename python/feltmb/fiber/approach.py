@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST", "TOUCH", "FirstContact", "first_contact", "free_approach", "scatter_of"]
+__all__ = ["LEAST", "TOUCH", "FirstContact", "free_approach", "scatter_of", "smooth_zero"]
 
 Array = NDArray[np.float64]
 
@@ -21,16 +21,19 @@ SURE, OFFSET = 3.0, 2e-4
 OUTLIERS = 5
 #: Largest stiffness of a free approach, as a share of the mean stiffness of loading.
 FREE = 0.2
-#: Share of the range of the force that belongs to the toe of a loading.
-TOE = 0.5
+#: Shares of the range of the force that may belong to the toe of a loading. The largest one counts
+#: whose misfit is below this multiple of the scatter.
+TOES, MISFIT = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001), 2.0
 #: Powers of the terms of a toe, and shares of its compression at which others change their power.
 POWERS, BENDS = (1.0, 1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0), (0.02, 1.0, 10)
 #: Largest rate of the exponential of a smooth toe, over its compression.
 STEEPEST = 20.0
 #: Confidence of the interval of a zero, number of zeros tried, samples behind the last one.
 LEVEL, PLACES, LAST = 0.95, 61, 3
-#: Least standard deviation of the samples, as a share of the range of the force.
-FLOOR = 2e-4
+#: Least standard deviation of the samples, as a share of the range of the force of the toe.
+FLOOR = 4e-4
+#: Misfit that counts as none, as a share of this range.
+EXACT = 5e-5
 #: Most samples of a toe; of more, means of neighbors are taken.
 MOST = 400
 
@@ -112,7 +115,8 @@ def first_contact(x: Array, force: Array, *, approach: bool) -> FirstContact | N
 
     The interval rests on the samples and on one assumption: the force is a sum, with positive
     weights, of terms that grow with a power of the compression between 1 and 6, or with the sixth
-    and further on with the first power. A surface of loose fibers on a stiffer felt, van Wyk's law,
+    and further on with the first power. Steeper felts are such sums at small forces only: the toe
+    ends where they follow the samples. A surface of loose fibers on a stiffer felt, van Wyk's law,
     exponential and power laws are such sums. The weights are those of the least squares at each
     possible zero, and the interval is that of their profile likelihood. The estimate within it is
     that of a smooth toe, ``force = b + K e^p exp(c e)`` with ``e = x - zero``. The
@@ -128,14 +132,24 @@ def first_contact(x: Array, force: Array, *, approach: bool) -> FirstContact | N
     approach
         Whether samples are before the contact: only then the force b is fitted.
     """
+    found = None
+    for share in TOES:
+        toe = _toe(x, force, share)
+        if toe is None:
+            break
+        found, misfit = _of_toe(*toe, approach=approach)
+        if misfit < MISFIT:
+            break
+    return found
+
+
+def _of_toe(x: Array, force: Array, *, approach: bool) -> tuple[FirstContact, float]:
+    """First contact by one toe, and its misfit in those of the scatter."""
     from scipy.optimize import brentq, nnls
     from scipy.stats import f as fisher
 
-    floor = FLOOR * float(np.ptp(force))
-    x, force = _toe(x, force)
     n, span = x.size, float(x[-1] - x[0])
-    if n < LEAST or not span > 0.0:
-        return None
+    floor = FLOOR * float(np.ptp(force))
 
     def fitted(zero: float) -> tuple[float, Array, Array]:
         """Squares of what is left, what is left, and the weights."""
@@ -165,18 +179,26 @@ def first_contact(x: Array, force: Array, *, approach: bool) -> FirstContact | N
 
     low, high = end(within[0], within[0] - 1), end(within[-1], within[-1] + 1)
     first = float(x[0])
-    zero = _smooth_zero(x, force, (max(low, first), high), approach) if high > first else first
-    return FirstContact(zero, low, max(high, first), 0.0)
+    zero = (
+        smooth_zero(x, force, (max(low, first), high), approach=approach) if high > first else first
+    )
+    misfit = float(np.sqrt(cost / free)) / max(scatter_of(force), EXACT * float(np.ptp(force)))
+    return FirstContact(zero, low, max(high, first), 0.0), misfit
 
 
-def _toe(x: Array, force: Array) -> tuple[Array, Array]:
-    """Loading up to a share of its force; of many samples, the means of neighbors."""
+def _toe(x: Array, force: Array, share: float) -> tuple[Array, Array] | None:
+    """Loading up to a share of its force; of many samples, the means of neighbors.
+
+    None without enough samples for a smaller share.
+    """
     rise = np.maximum.accumulate(force) - force[0]
-    end = int(np.searchsorted(rise, TOE * np.ptp(force), side="right"))
-    beyond = np.flatnonzero(rise > 0.1 * TOE * np.ptp(force))
-    if beyond.size:
+    end = int(np.searchsorted(rise, share * np.ptp(force), side="right"))
+    beyond = np.flatnonzero(rise > 0.1 * share * np.ptp(force))
+    if beyond.size and share == TOES[0]:
         end = max(end, int(beyond[min(LEAST, beyond.size) - 1]) + 1)
     x, force = x[:end], force[:end]
+    if x.size < LEAST or not x[-1] > x[0] or (share < TOES[0] and np.sum(beyond < end) < LEAST):
+        return None
     step = -(-x.size // MOST)
     cut = x.size // step * step
     x, force = (v[:cut].reshape(-1, step).mean(axis=1) for v in (x, force))
@@ -192,7 +214,7 @@ def _terms(e: Array) -> Array:
     return np.hstack([share ** np.array(POWERS), 1.0 / (bent**-low + bent**-high)])
 
 
-def _smooth_zero(x: Array, force: Array, ends: tuple[float, float], approach: bool) -> float:
+def smooth_zero(x: Array, force: Array, ends: tuple[float, float], *, approach: bool) -> float:
     """Zero of ``b + K e^p exp(c e)`` with the least squares."""
     from scipy.optimize import least_squares
 

@@ -87,6 +87,8 @@ class CompressionColumns:
     """Columns of the same kind that are not used."""
     from_contact: bool
     """Whether the compression is called so and starts at zero."""
+    time: Array | None = None
+    """Time of each sample [s]; None if the file has no clock that runs on."""
 
 
 def read_test(
@@ -131,9 +133,11 @@ def read_test(
     (quantity, column, x), (load, load_column, p) = chosen
     faults += columns.faults([column, load_column], complete=True)
     branches = _branches(columns, faults)
+    time = _time(columns)
     if not faults:
         rows = _specimen(columns, options.columns.get("specimen") or sheet.run, specimen, faults)
         x, p = x[rows], p[rows]
+        time = None if time is None else time[rows]
         branches = [branches[i] for i in rows] if branches else []
     if not faults and x.size < 3:
         faults = [f"{x.size} samples, expected at least 3"]
@@ -143,7 +147,9 @@ def read_test(
         raise DataError(fault_text(str(path), faults, most=20))
     named = _called(column, _FROM_CONTACT) and quantity == "displacement"
     from_contact = named and abs(float(x[0])) <= 5e-3 * float(np.ptp(x))
-    return CompressionColumns(quantity, load, x, p, branches, tuple(notes), from_contact)
+    if time is not None and not (np.all(np.diff(time) >= 0.0) and np.ptp(time) > 0.0):
+        time = None
+    return CompressionColumns(quantity, load, x, p, branches, tuple(notes), from_contact, time)
 
 
 def _unused(path: Path, options: ReadOptions, specs: Mapping[str, ColumnSpec]) -> list[str]:
@@ -202,6 +208,16 @@ def _values(
         for i in np.flatnonzero(np.abs(values) > _LARGEST)
     ]
     return values
+
+
+def _time(columns: Columns) -> Array | None:
+    """Time of all rows [s]; None without a column of it that has a unit."""
+    found: list[Array] = []
+    for name in columns.called("time")[:1]:
+        faults: list[str] = []
+        values = values_in(columns, name, "s", faults)
+        found = [] if faults or not np.all(np.isfinite(values)) else [values]
+    return found[0] if found else None
 
 
 def _branches(columns: Columns, faults: list[str]) -> list[str]:

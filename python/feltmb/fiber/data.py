@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from feltmb.fiber.approach import LEAST, free_approach
 from feltmb.fiber.columns import LOADS, CompressionColumns, read_test
 from feltmb.fiber.cycles import find_branches
+from feltmb.fiber.machine import saturation, without_frame
 from unmodeled.arguments import checked
 from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
@@ -224,6 +225,7 @@ def read_compression(
     zero: float | None = None,
     cycle: int | None = None,
     specimen: str = "",
+    frame: float | str | Path | None = None,
     options: ReadOptions | None = None,
 ) -> CompressionData:
     """Read a compression test from a file.
@@ -260,6 +262,8 @@ def read_compression(
         Number of the cycle that is used, from 1; default: the first complete one.
     specimen
         Which one of several specimens.
+    frame
+        Compliance of the frame of the machine [m/N], or the file of a record without a specimen.
     options
         Columns and units of the quantities; those in a TOML file beside the file are read.
 
@@ -279,6 +283,10 @@ def read_compression(
     faults = stated.faults(table)
     if faults:
         raise DataError(fault_text(str(file), faults, most=20))
+    try:
+        table = without_frame(table, frame, thickness0=thickness0, area=area)
+    except DataError as error:
+        raise DataError(f"{file}: {error}") from None
     v, heights = stated.fractions(table, faults)
     if not faults and not np.all((v > 0) & (v <= 1)):
         faults.append(f"v_f from {np.min(v):.6g} to {np.max(v):.6g}, expected > 0 and <= 1")
@@ -297,6 +305,9 @@ def read_compression(
             made = _by_reversals(test, cycle)
         except InvalidParameter as error:
             raise DataError(f"{file}: {error}") from None
+    limit = saturation(made.v_f, made.pressure, made.loading)
+    if limit:
+        raise DataError(f"{file}: {limit}")
     made = _after_approach(
         replace(made, notes=(*table.notes, *made.notes)),
         thickness0 if table.compression == "displacement" and zero is None else None,

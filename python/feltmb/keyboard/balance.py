@@ -221,16 +221,16 @@ def _ratios(out: pd.DataFrame, strike: Array, front: Array) -> tuple[Array, floa
     known = np.isfinite(total) & np.isfinite(strike)
     if known.sum() < FEWEST:
         return smooth_curve(out["ratio"].to_numpy()), 1.0
-    factor, curve = 1.0, strike
-    for _ in range(50):
+    factor, curve = 1.05, strike
+    for _ in range(20):
         lever = np.where(sharp, factor, 1.0)
         curve = smooth_curve((total / lever - whippen) / strike, strike**2)
         lifted = curve * strike + whippen
         rows = known & sharp
         if not rows.any():
-            break
+            return curve, 1.0
         former, factor = factor, float(total[rows] @ lifted[rows] / (lifted[rows] @ lifted[rows]))
-        if abs(factor - former) < 1e-4:
+        if abs(factor - former) < 5e-4:
             break
     return curve * np.where(sharp, factor, 1.0), factor
 

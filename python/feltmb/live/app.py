@@ -391,8 +391,8 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
                 return await work(request)
             except Error as error:
                 return answer(str(error), 422)
-            except ClientDisconnect:
-                raise
+            except ClientDisconnect:  # nobody hears the answer
+                return answer("the request was given up", 499)
             except Exception as error:
                 return answer(fault_of(error), 500)
 

@@ -21,7 +21,13 @@ from feltmb.mechanism.checking import validate
 from feltmb.mechanism.numbers import BareChange, Value, bare_changes, number_at
 from feltmb.mechanism.reading import load_raw, resolve
 from feltmb.mechanism.to_core import describe
-from feltmb.mechanism.values import apply_numbers, apply_values, expand_path, plain_data
+from feltmb.mechanism.values import (
+    apply_numbers,
+    apply_values,
+    check_values,
+    expand_path,
+    plain_data,
+)
 from feltmb.mechanism.workshop import plain_values
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, shown
@@ -208,7 +214,10 @@ class Action:
         if reading["rows"]:
             tables["rows"] = reading["rows"]
         del tables["screws"]  # names only
-        for table in ("motor", "dashpots", "leads"):
+        tables["bushings"] = {
+            key: b for key, b in tables["bushings"].items() if self.config.bushings[key].friction
+        }
+        for table in ("motor", "dashpots", "leads", "bushings"):
             if not tables[table]:
                 del tables[table]  # as before this entry existed: results keep their hash
         if tables["string"] and tables["string"]["count"] == 1:
@@ -272,6 +281,7 @@ class Action:
             A path does not exist, or a value is out of range.
         """
         if isinstance(values, Mapping):
+            check_values(values, "with_values")
             values = plain_values(self.config, self._raw, values)
         changed = self._with_numbers(values) or Action(
             apply_values(self._raw, values, "with_values"), self.origin

@@ -64,6 +64,7 @@ _REFERENCES = (
     ("surfaces.*.body", "body"),
     ("points.*.body", "body"),
     ("leads.*.body", "body"),
+    ("bushings.*.body", "body"),
     ("straps.*.body_a", "body"),
     ("straps.*.body_b", "body"),
     ("contacts.*.surfaces", "surface"),

@@ -14,7 +14,17 @@ from typing import Any
 __all__ = ["without_faults"]
 
 #: Tables whose entries can be removed; entries that refer to them are removed in turn.
-_LOOSE = ("surfaces", "contacts", "springs", "straps", "points", "events", "leads", "screws")
+_LOOSE = (
+    "surfaces",
+    "contacts",
+    "springs",
+    "straps",
+    "points",
+    "events",
+    "leads",
+    "bushings",
+    "screws",
+)
 _SINGLE = ("string", "finger", "reading", "start_pose", "source", "about", "gravity")
 _ROUNDS = 20
 

@@ -122,6 +122,31 @@ class Lead(Schema):
     """Along the y axis; default: that of the center of mass of the body."""
 
 
+class Bushing(Schema):
+    """Cloth or wood around the pin that guides a body: dry friction by what presses on the pin.
+
+    Two sides hold the pin, each with half of the tightness. A side force loads one side and unloads
+    the other, so that the friction only grows when it exceeds the tightness. It adds to the
+    amplitude of the joint's friction, which has the bushing as it is fitted.
+    """
+
+    label: str = ""
+    note: str = ""
+    body: str
+    arm: Annotated[float, SI("m"), Field(gt=0)] | None = None
+    """Distance of the pin from a revolute joint; none: the joint is prismatic."""
+    coefficient: Annotated[float, SI("1"), Field(ge=0)] = 0.2
+    tightness: Annotated[float, SI("N"), Field(ge=0)] = 0.0
+    side_force: Annotated[float, SI("N")] = 0.0
+    swollen: Annotated[float, SI("N"), Field(gt=0)] = 1.0
+    """Tightness that one expects to meet in damp air; ``feltmb wear`` changes it by this much."""
+
+    @property
+    def friction(self) -> float:
+        """Friction at the joint [N m or N]."""
+        return self.coefficient * max(self.tightness, abs(self.side_force)) * (self.arm or 1.0)
+
+
 class Screw(Schema):
     """A screw, spring or wire that a technician turns or bends: a value of the file by its name."""
 
@@ -401,6 +426,7 @@ class MechanismFile(Schema):
     gravity: Annotated[tuple[float, float], SIVector("m/s^2")] = (0.0, -9.81)
     bodies: dict[str, Body]
     leads: dict[str, Lead] = {}
+    bushings: dict[str, Bushing] = {}
     surfaces: dict[str, Surface] = {}
     contacts: dict[str, Contact] = {}
     springs: dict[str, Spring] = {}

@@ -28,8 +28,13 @@ __all__ = ["core_law", "describe", "describe_with_faults", "with_leads"]
 
 
 def with_leads(config: MechanismFile, name: str) -> Body:
-    """A body with the mass, the center and the moment of inertia that its leads give it."""
+    """A body with the mass that its leads, and the friction that its bushings give it."""
     body = config.bodies[name]
+    friction = sum(b.friction for b in config.bushings.values() if b.body == name)
+    if friction:
+        own = body.friction
+        own = own.model_copy(update={"amplitude": own.amplitude + friction})
+        body = body.model_copy(update={"friction": own})
     default = config.finger.body if config.finger is not None else ""
     leads = [lead for lead in config.leads.values() if (lead.body or default) == name]
     if not leads or body.kind == "beam":
@@ -160,7 +165,7 @@ def describe_with_faults(
         return out
 
     d = _core.MechanismDescription(name=config.name, gravity=config.gravity)
-    loaded = {name: with_leads(config, name) for name in config.bodies} if config.leads else {}
+    loaded = {name: with_leads(config, name) for name in config.bodies}
     plain = {name: body for name, body in config.bodies.items() if loaded.get(name, body) is body}
     made = dict(zip(plain, each(plain, _core_body), strict=True))
     d.bodies = [made.get(name) or _core_body(name, loaded[name]) for name in config.bodies]

@@ -354,6 +354,7 @@ def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) 
     """Tables with changed values by dotted path; ``where`` is the caller's name for messages."""
     if not isinstance(values, Mapping):
         raise InvalidParameter(f"{where}: got {shortened(repr(values))}, expected paths and values")
+    check_values(values, where)
     out = copy.deepcopy(dict(raw))
     faults = []
     for path, value in values.items():
@@ -366,6 +367,19 @@ def apply_values(raw: Mapping[str, Any], values: Mapping[str, Any], where: str) 
     if faults:
         raise InvalidParameter("\n".join(faults))
     return out
+
+
+def check_values(values: Mapping[Any, Any], where: str) -> None:
+    """Refuse values that cannot be copied, such as a generator, which no file can hold."""
+    faults = []
+    for path, value in values.items():
+        try:
+            copy.deepcopy(value)
+        except Exception:  # of any kind, because a class can forbid it as it likes
+            got = f"got {shortened(repr(value))}, expected a number, a text, a list or a table"
+            faults.append(f"{where}: {path}: {got}")
+    if faults:
+        raise InvalidParameter("\n".join(faults))
 
 
 def unit_in_file(raw: Mapping[str, Any], parts: Sequence[str]) -> str | None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb import _core
 from feltmb.mechanism import core_law, describe
+from feltmb.mechanism.to_core import with_leads
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, ModelError
 
@@ -333,7 +334,7 @@ def _mechanism(
         if body.coordinate:
             # Rotation of the joint per meter of finger travel.
             reach = scale[body.coordinate] / _FELT
-            given = action.config.bodies[body.name].friction
+            given = with_leads(action.config, body.name).friction
             where = f"bodies.{body.name}.friction"
             body.friction = _friction(given, where, friction, pace * reach, blur)
     description.bodies = bodies

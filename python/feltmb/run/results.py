@@ -45,7 +45,7 @@ def let_off_words(summary: Mapping[str, float]) -> str:
         return ""
     if "free_flight_time" in summary:
         return "no let-off: thrown off"
-    return "no let-off: jack does not escape" if "jack_toe_time" in summary else ""
+    return "no let-off before hammer strikes" if "jack_toe_time" in summary else ""
 
 
 class Provenance(dict[str, Any]):

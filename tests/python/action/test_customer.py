@@ -48,7 +48,7 @@ def test_a_sensor_is_no_fault_of_the_instrument(tmp_path):
     assert (page.found, page.work) == (alone.found, alone.work)
     page = customer_page(result(tmp_path, late), "steinway45")
     assert page.found == "The action moves as a sound action does."
-    assert page.work == ()
+    assert page.work == ("Nothing needs to be done.",)
 
 
 def test_a_parameter_that_changed_is_the_answer(tmp_path):
@@ -64,6 +64,7 @@ def test_a_parameter_that_changed_is_the_answer(tmp_path):
     assert page.bodies == ("key",)
     plain = page.found.replace("\N{NO-BREAK SPACE}", " ")
     assert plain == "The capstan is off (-0.66 mm, 0.94 turns down)."
+    assert page.work == ("Turn the capstan by 0.94 turns up.",)
     path = "surfaces.Kp2.point.y"
     height = [a.value(path).value for a in (page.after, page.before)]
     assert height[1] - height[0] == pytest.approx(-6.6e-4)
@@ -83,7 +84,10 @@ def test_work_that_was_done_replaces_the_advice(tmp_path):
 def test_without_a_cause_before_and_after_are_one(tmp_path):
     page = customer_page(result(tmp_path, verdict="NO_GAP"), "steinway45")
     assert page.before is page.after
-    assert page.bodies == page.work == ()
+    assert page.bodies == ()
+    assert page.work == ("Nothing needs to be done.",)
+    unknown = customer_page(result(tmp_path, verdict="UNKNOWN"), "steinway45")
+    assert "regulate" in unknown.work[0]
 
 
 def test_what_is_no_result_is_refused(tmp_path):
@@ -115,3 +119,11 @@ def test_page_of_a_key_with_twice_the_friction(tmp_path):
     assert done.exit_code == 0
     assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
     assert feltmb.load_action("steinway45").hash == page.after.hash
+
+
+def test_dollar_signs_are_no_mathematics(tmp_path):
+    page = customer_page(
+        result(tmp_path, KEY), "steinway45", title="From $x_{ to $y", workshop="A$$ & B$",
+        done=["Paid $5_ and $6^."],
+    )  # fmt: skip
+    assert page.write(tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")

@@ -63,7 +63,8 @@ def test_packaged_table_is_that_of_the_packaged_action():
     """If not, run tools/make_symptoms.py."""
     wear = packaged_wear()
     assert wear.hash == feltmb.load_action(PACKAGED).hash
-    assert {v.kind for v, _ in wear.rows} == {"thinner", "harder", "friction", "spring", "screw"}
+    kinds = {"thinner", "harder", "friction", "spring", "tight", "missing", "screw"}
+    assert {v.kind for v, _ in wear.rows} == kinds
 
 
 @pytest.mark.parametrize("name", load_symptoms())
@@ -84,12 +85,17 @@ def test_known_causes_come_first():
         assert "let-off button" in feltmb.symptom(name).causes[0].part
     for name in ("checks too low", "checks too high"):
         assert any("backcheck wire" in c.part for c in feltmb.symptom(name).causes)
-    assert "friction" in feltmb.symptom("key sticks").causes[0].change
+    sticks = feltmb.symptom("key sticks")
+    assert sticks.causes[0].part == "key, front bushing"
+    assert {"key, balance hole and bushing", "hammer butt, joint"} < {c.part for c in sticks.causes}
+    assert any("rub" in text for text in sticks.beyond)
+    slow = {c.part for c in feltmb.symptom("slow repetition").causes}
+    assert {"hammer butt, joint", "butt spring", "bridle strap"} <= slow
 
 
 def test_what_is_unknown_is_refused(tmp_path):
-    with pytest.raises(InvalidParameter, match="blocks"):
-        feltmb.symptom("block")
+    with pytest.raises(InvalidParameter, match=r"blocks, double strikes, .*weak tone"):
+        feltmb.symptom("xyz")
     (tmp_path / "no.json").write_text("{}")
     result = CliRunner().invoke(command, ["blocks", "--wear", str(tmp_path / "no.json")])
     assert "feltmb wear" in str(result.exception)

@@ -11,6 +11,7 @@ from feltmb import InvalidParameter, Wear, _core
 from feltmb.action.wearing import NUMBERS, Variant, measure, variants
 from feltmb.cli.technician import wear as command
 from feltmb.cli.technician import wear_table
+from feltmb.mechanism.to_core import with_leads
 
 
 @pytest.fixture(scope="module")
@@ -39,11 +40,33 @@ def made(action):
 def test_every_felt_friction_and_spring_is_changed_once(action, changed):
     config = action.config
     felts = {"felt": 13, "rubbing": 7, "joints": 6, "springs": 3}  # backcheck: 3 contacts, 1 felt
-    assert len(changed) == 3 * felts["felt"] + felts["rubbing"] + felts["joints"] + felts["springs"]
+    others = {"bushings": 2, "straps": 1}
+    assert len(changed) == 3 * felts.pop("felt") + sum(felts.values()) + sum(others.values())
     stiffness = changed["jack spring", "20 % weaker"].value("springs.jack_spring.stiffness")
     assert stiffness.value == pytest.approx(0.8 * config.springs["jack_spring"].stiffness)
     friction = changed["key, joint", "friction doubled"].value("bodies.key.friction.amplitude")
     assert friction.value == pytest.approx(2.0 * config.bodies["key"].friction.amplitude)
+
+
+def test_a_bushing_brakes_by_tightness_or_side_force(action, changed):
+    """Hand formula: coefficient times force times arm, the larger one of both forces."""
+
+    def torque(a):
+        return with_leads(a.config, "key").friction.amplitude
+
+    def side(newtons):
+        path = "bushings.key_front.side_force"
+        return torque(tight.with_values({path: newtons})) - torque(action)
+
+    tight = changed["key, front bushing", "1 N tighter"]
+    assert torque(tight) - torque(action) == pytest.approx(0.2 * 1.0 * 0.217)
+    assert side(-0.9) == pytest.approx(0.2 * 1.0 * 0.217)  # one side is unloaded by as much
+    assert side(-3.0) == pytest.approx(0.2 * 3.0 * 0.217)
+    assert feltmb.load_action("steinway45").with_values({"bushings.key_front.arm": 0.2}).hash == (
+        action.hash
+    )  # without a force it changes nothing
+    with pytest.raises(InvalidParameter, match="body"):
+        feltmb.Action(action.raw | {"bushings": {"one": {"body": "none"}}})
 
 
 def test_a_thinner_felt_leaves_a_gap_of_its_thickness(action, changed):
@@ -98,7 +121,7 @@ def test_an_unknown_part_is_refused():
 def test_a_worn_capstan_felt_costs_aftertouch(action, changed):
     """Hand formula: the key moves on by the thickness times the ratio of its arms, 225 / 141."""
     base = measure(action)
-    worn = measure(changed["key capstan - whippen", "0.5 mm thinner"], base["repetition"])
+    worn = measure(changed["key capstan - whippen", "0.5 mm thinner"])
     lost = base["aftertouch"] - worn["aftertouch"]
     assert lost == pytest.approx(0.5 * 225 / 141, rel=0.1)
     assert worn["let_off"] == pytest.approx(base["let_off"], abs=0.2)

@@ -32,6 +32,7 @@ PAGES = [
     "README.md",
     *TUTORIALS,
     "docs/explanation/gap.md",
+    "docs/explanation/tracing.md",
     "docs/reference/mechanism_files.md",
     *HOWTO,
 ]
@@ -193,14 +194,15 @@ def test_no_text_installs_feltmb_from_an_index():
 def test_the_first_command_installs_the_packages_of_the_live_page():
     setup = (ROOT / "tools" / "setup.sh").read_text(encoding="utf-8")
     targets = re.findall(r"target='\.\[(\w+)\]'", setup)
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    packages = extras["optional-dependencies"]
+    packages = [
+        tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"][
+            "optional-dependencies"
+        ]
+        for folder in ("", "unmodeled")
+    ]
     assert targets == ["live", "test"]
-    assert any("live" in p for p in packages["test"])
+    assert any("live" in p for p in packages[0]["test"])
     page = (ROOT / "docs" / "howto" / "install.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE) == [
-        "live", "fmi", "mujoco", "parquet", "instruments", "mcap", "dask", "test", "dev", "docs",
-    ]  # fmt: skip
-    assert set(packages) == {
-        "live", "fmi", "mujoco", "parquet", "instruments", "mcap", "dask", "test", "dev", "docs",
-    }  # fmt: skip
+    tables = page.partition("| extra of `feltmb` |")[2].split("| extra of `unmodeled` |")
+    for table, extras in zip(tables, packages, strict=True):
+        assert set(re.findall(r"^\| `(\w+)` \|", table, flags=re.MULTILINE)) == set(extras)

@@ -29,7 +29,7 @@ def test_notebook_installs_the_package_only_where_it_is_not(monkeypatch):
     assert called == []
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     exec(compile(first, str(file), "exec"), {})
-    assert called == [["-m", "pip", "install", "-q", "feltmb"]]
+    assert called == [["-m", "pip", "install", "-q", "unmodeled"]]
 
 
 @pytest.mark.slow

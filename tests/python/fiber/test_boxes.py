@@ -1,5 +1,7 @@
 """Boxes of fibers: rest before compression, failed loops, balance of energy."""
 
+import json
+
 import pytest
 from click.testing import CliRunner
 
@@ -45,6 +47,13 @@ def test_a_loop_of_inertia_and_drag_has_failed(tmp_path):
     got = CliRunner().invoke(cli, ["fiber", "simulate", str(tmp_path / "run.npz"), *words])
     assert got.exit_code == 1
     assert "failed, for the reasons above" in str(got.exception)
+    # The tables of the samples so far are on stdout all the same, with the error.
+    words += ["--json", "--force"]
+    got = CliRunner().invoke(cli, ["fiber", "simulate", str(tmp_path / "run.npz"), *words])
+    assert got.exit_code == 1
+    printed = json.loads(got.stdout)
+    assert printed["tables"][0]["rows"]
+    assert "failed, for the reasons above" in printed["error"]
 
 
 def test_books_that_do_not_close_are_told():

@@ -417,7 +417,7 @@ def test_a_file_for_mujoco_has_properties(tmp_path):
     servo = ROOT / "examples" / "first_answer" / "servo.xml"
     model = unmodeled.mujoco(servo, parameters={"arm.mass": (None, 0.05)})
     assert (model.parameters[0].value, model.parameters[0].unit) == (0.5, "kg")
-    assert {"shoulder.backlash", "shoulder.frictionloss", "servo.gain"} < {
+    assert {"shoulder.backlash", "shoulder.frictionloss", "servo.kp"} < {
         e.name for e in model.effects
     }
     changed = model.mjcf.patched({"shoulder.backlash": 0.01, "arm.mass": 1.0}).compile()

@@ -26,6 +26,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
+from feltmb.adapters.changes import Change
 from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Shelf
@@ -630,6 +631,28 @@ def test_an_unexpected_error_reaches_the_page_and_the_log(work, monkeypatch, cap
     assert kind == {"plan": "plan", "diagnose": "diagnosis"}[work]
     assert "KeyError: 'surprise'" in message["fault"]
     assert caplog.records[0].exc_info[0] is KeyError
+
+
+def test_a_browser_that_gives_up_a_request_leaves_no_trace(live, caplog):
+    host, port = live.address.split("/")[2].split(":")
+    path = "/" + live.address.split("/", 3)[3] + "toml"
+    for _ in range(3):
+        with socket.create_connection((host, int(port))) as line:
+            head = f"POST {path} HTTP/1.1\r\nHost: {host}:{port}\r\nOrigin: {own(live)['origin']}"
+            line.sendall(f"{head}\r\nContent-Length: 1000\r\n\r\n{{".encode())
+            time.sleep(0.1)
+    time.sleep(0.3)
+    assert httpx.get(live.address).status_code == 200
+    assert [r.getMessage() for r in caplog.records if r.levelname == "ERROR"] == []
+
+
+def test_a_share_beyond_all_numbers_is_a_fault():
+    turned = Change(path="string.tension", exp=-1.0)
+    assert turned.factor(-1.0) == pytest.approx(math.e)
+    assert turned.factor(-1e300) == math.inf
+    bench = Bench(feltmb.load_action("steinway45_leaded"))
+    with pytest.raises(InvalidParameter):
+        bench.action.with_values(bench.values({"felt_hardening.01": -1e300}, {}))
 
 
 def test_impossible_numbers_of_a_knob_are_answered(serve, client, root):

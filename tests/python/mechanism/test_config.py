@@ -13,6 +13,7 @@ from feltmb.cli import main
 from feltmb.mechanism import Action, parse_setting
 from feltmb.mechanism.parameters import bare_numbers, told_numbers, with_values_told
 from feltmb.mechanism.values import apply_values
+from unmodeled.errors import InvalidParameter
 
 DATA = Path(__file__).resolve().parents[2] / "data"
 
@@ -542,3 +543,10 @@ def test_value_takes_the_paths_of_with_values(path, wanted, data):
         return
     with pytest.raises(feltmb.InvalidParameter, match=wanted):
         pedal.value(path)
+
+
+@pytest.mark.parametrize("path", ["string.modes", "bodies.key.mass", "bodies.key.mass +="])
+@pytest.mark.parametrize("value", [iter((1, 2)), map(str, [1]), [iter(())], {"value": iter(())}])
+def test_a_value_that_no_file_can_hold_is_told(path, value):
+    with pytest.raises(InvalidParameter, match=re.escape(path.split(" ")[0])):
+        feltmb.load_action("steinway45").with_values({path: value})

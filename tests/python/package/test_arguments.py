@@ -360,6 +360,16 @@ def measured():
     return felt.measured_loop(e, np.concatenate([one.loading, one.unloading[::-1]]))
 
 
+def specimen():
+    e = np.linspace(0.0, 1e-3, 40)
+    return felt.Specimen("one", e, 1e7 * e**2, zero=0.0)
+
+
+@cache
+def power_law():
+    return felt.fit_law(specimen())
+
+
 def measured_file():
     path = Path("pair.csv")
     found = measured()
@@ -473,10 +483,9 @@ CALLS = {
     },
     "feltmb.repeat": lambda: {
         "action": steinway(),
-        "speeds": (0.5,),
+        "forces": (10.0,),
         "returns": (1.0,),
-        "presses": 2,
-        "highest": 2.0,
+        "highest": 3.1,
     },
     "feltmb.sequence": lambda: {"strokes": (stroke(), stroke()), "period": None, "name": "twice"},
     "feltmb.RunOptions": lambda: {
@@ -696,6 +705,39 @@ CALLS = {
         "points": 50,
         "name": "pair",
     },
+    "feltmb.felt.MeasuredLoop.kawabata": lambda: (measured(), {"area": 1e-4}),
+    "feltmb.felt.Specimen": lambda: {
+        f: getattr(specimen(), f) for f in ("name", "displacement", "force", "zero", "notes")
+    },
+    "feltmb.felt.LawFit": lambda: {
+        f: getattr(power_law(), f)
+        for f in (
+            "law",
+            "name",
+            "values",
+            "interval",
+            "rms",
+            "relative",
+            "compression",
+            "force",
+            "fitted",
+            "warnings",
+            "entry",
+        )
+    },
+    "feltmb.felt.PooledLaw": lambda: {
+        "law": "power",
+        "fits": (power_law(),),
+        "values": {"exponent": 2.0},
+        "interval": {"exponent": (1.0, 3.0)},
+        "compression": np.ones(2),
+        "force": np.ones(2),
+        "scatter": np.ones(2),
+    },
+    "feltmb.felt.fit_law": lambda: {"test": specimen(), "law": "power", "thickness": None},
+    "feltmb.felt.pool": lambda: {"tests": [specimen(), specimen()], "law": "power"},
+    "feltmb.felt.bulk": lambda: {"v_f": 0.2, "thickness": 6e-3, "diameter": 2e-5},
+    "feltmb.felt.read_specimen": lambda: {"path": measured_file(), "zero": 0.0},
     "feltmb.felt.read_measured_loop": lambda: {
         "path": measured_file(),
         "zero": 0.0,

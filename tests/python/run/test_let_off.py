@@ -54,7 +54,7 @@ def test_neither_where_the_jack_pushes_until_the_string():
     ("stroke", "words"),
     [
         ("piano", ""),
-        ("forte", "no let-off: jack does not escape"),
+        ("forte", "no let-off before hammer strikes"),
         ("staccato", "no let-off: thrown off"),
         ("repeated", "no let-off: thrown off"),
     ],

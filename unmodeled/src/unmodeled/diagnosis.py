@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 from unmodeled.arguments import checked
@@ -73,8 +74,8 @@ def diagnose(
     ------
     InvalidParameter, DataError
         Model, effects and records do not fit together.
-    Stop
-        ``progress`` raised it before there was a fit of the model.
+    Stop, KeyboardInterrupt
+        ``progress`` raised it, or Ctrl-C came, before there was a fit of the model.
     """
     options = options or Options()
     began = time.monotonic()
@@ -86,7 +87,7 @@ def diagnose(
         if time.monotonic() > end:
             raise Stop
 
-    with one_thread():
+    with one_thread(), _interrupted():
         meter.stage("prepare")
         ready = ready_records(model, records)
         found, chosen = chosen_effects(ready.model, ready.records, effects, exclude)
@@ -114,6 +115,15 @@ def diagnose(
     report = Report.of(result)
     report.model = explained_model(ready.model, tested, result)
     return report
+
+
+@contextmanager
+def _interrupted() -> Iterator[None]:
+    """A block whose Ctrl-C is told in one sentence: the search answers it if it has a fit."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt("before there was an answer") from None
 
 
 def _split(

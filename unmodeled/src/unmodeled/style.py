@@ -130,7 +130,7 @@ def fit_text(artist: Text, inches: float) -> None:
 
 def head_line(figure: Figure, text: str, size: float = LARGE, weight: str = "bold") -> None:
     """Title of a figure at its left edge, in as many lines as its width requires."""
-    artist = figure.suptitle(text, fontsize=size, x=0.01, ha="left", fontweight=weight)
+    artist = figure.suptitle(plain_text(text), fontsize=size, x=0.01, ha="left", fontweight=weight)
     fit_text(artist, 0.98 * figure.get_figwidth())
 
 

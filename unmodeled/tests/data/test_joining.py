@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
+import unmodeled
 from unmodeled.cli import main
 from unmodeled.data import Record, Sensor, fit_clocks, join_records, read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.fit.model import prior_jobs
+from unmodeled.search.compare import join_by_motion
 
 OFFSET, RATE = 1.25, 1.0005
 
@@ -176,3 +179,31 @@ def test_clocks_are_aligned_by_the_begin_of_the_motion():
     assert both.sensors["y"].delay_sd == sd
     with pytest.raises(DataError, match="does not begin at rest"):
         align_clocks(one, cell(time=OFFSET + late, outputs={"Load": late}))
+
+
+@pytest.mark.parametrize("fault", [-1.5, 1.5])
+def test_the_clocks_of_a_machine_off_its_table_are_as_far_off_as_is_told(fault):
+    """A slow cart: a mass off by 1.5 tolerances makes it late by 3 to 4 ms, not by 2 ms."""
+
+    def rates(_, x, u, p):
+        return x.v, (u.force - 100.0 * x.y - 20.0 * x.v) / p.mass
+
+    states = {"y": (0.0, 1e-4, "m"), "v": (0.0, 1e-3, "m/s")}
+
+    def cart(mass):
+        return unmodeled.Equations(
+            rates, states=states, outputs={"y": "y"}, parameters={"mass": (mass, 0.15, "kg")}
+        )
+
+    time = np.arange(0.0, 1.0, 2e-3)
+    push = 3.0 * np.clip((time - 0.2) / 0.05, 0.0, 1.0)
+    known = Record(name="r", time=time, inputs={"force": push}, outputs={"y": 0.0 * time})
+    true = cart(1.0 + 0.15 * fault)
+    motion = true.simulate(known, prior_jobs(true, known))[0, :, 0]
+    one = camera(time=time, outputs={"y": motion + 1e-6 * np.sin(900.0 * time)})
+    two = cell(time=time + 0.3, outputs={"Load": push})
+    made = join_by_motion(one, two, cart(1.0))
+    told, sd = "".join(made.notes), made.sensors["y"].delay_sd
+    offset = 1e-3 * float(told.partition("first clock is ")[2].split(" ms")[0])
+    assert 2e-3 < abs(offset - 0.3) < 2.0 * sd < 30e-3
+    assert "most by mass" in told

@@ -97,7 +97,7 @@ def test_a_model_that_diverges_from_the_start_of_the_record_starts_as_expected()
 
 def test_a_model_without_finite_outputs_is_refused():
     model, records = swinging(0.0, rate=lambda q, v: float("nan") + 0.0 * q)
-    with pytest.raises(InvalidParameter, match="no finite outputs"):
+    with pytest.raises(InvalidParameter, match="is no finite number"):
         unmodeled.check(model, records)
 
 

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from unmodeled import Progress, diagnose
+from unmodeled.cli.screen import ProgressLine
 from unmodeled.search.progress import Meter
 
 from .conftest import spring_record
@@ -85,3 +86,16 @@ def test_a_diagnosis_tells_all_stages(spring, causes):
         "prepare", "fit", "search", "exchange", "held_out", "judge", "locate", "done",
     ]  # fmt: skip
     assert seen[-1].share == 1.0
+
+
+def test_the_time_that_is_needed_is_told_before_the_search():
+    clock = [0.0]
+    seen = []
+    meter = Meter(seen.append, 100.0, clock=lambda: clock[0])
+    clock[0] = 90.0
+    meter.stage("fit")
+    meter.stage("search")  # the model alone has taken 90 s, a third of the whole time
+    assert seen[-1].left < 20.0
+    assert seen[-1].needed == pytest.approx(90.0 / 0.3, rel=0.01)
+    assert "all causes need about 5:00 min (--seconds)" in ProgressLine.text(seen[-1])
+    assert "--seconds" not in ProgressLine.text(Progress("search", 0.3, 200.0, 90.0, 290.0))

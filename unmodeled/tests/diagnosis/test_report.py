@@ -207,6 +207,9 @@ def test_the_list_is_sorted_and_has_what_matters_only(report):
         True,
     )
     assert second.takes == mass.takes == pytest.approx(np.sqrt(0.02**2 - 0.011**2) / 0.5)
+    unsure = replace(report, named=(), supported=report.named, verdict=Verdict.SUPPORTED)
+    assert unsure.changes[0].tier == "supported"
+    assert "whether it is the cause is not sure" in unsure.text(200)
     zero = replace(report.named[0], low=-0.001)
     assert "dry friction" not in [c.name for c in replace(report, named=(zero,)).changes]
 

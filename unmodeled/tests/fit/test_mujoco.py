@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time as clock
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,8 @@ import pytest
 import unmodeled
 from unmodeled.data import Record
 from unmodeled.errors import InvalidParameter
+from unmodeled.fit import mjcf_runs
+from unmodeled.fit.calling import Run
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -106,13 +109,23 @@ def made(*, inputs, outputs=("j2",)):
 def test_an_actuator_without_a_name_has_that_of_its_joint(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
-    model = unmodeled.mujoco(path, parameters={"j1.gain": (None, 1.0)}, unknown={})
+    model = unmodeled.mujoco(path, parameters={"j1.kp": (None, 1.0)}, unknown={})
     ready = model.matched([made(inputs=["j1", "turn"])])
     assert set(ready.model.inputs) == {"j1", "turn"}
     assert "no column is its actuator slow, which keeps its start value" in ready.notes
     model.write(tmp_path / "fixed.xml", np.array([12.0]), (), np.zeros(0))
     found = mujoco.MjModel.from_xml_path(str(tmp_path / "fixed.xml"))
     assert found.actuator("j1").gainprm[0] == 12.0
+
+
+def test_a_column_with_the_name_of_an_actuator_is_an_input(tmp_path):
+    """A file of columns does not say which are inputs."""
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    ready = unmodeled.mujoco(path).matched([made(inputs=(), outputs=("turn", "j2", "j1"))])
+    assert set(ready.model.inputs) == {"turn", "j1"}
+    assert set(ready.model.outputs) == {"j2"}
+    assert set(ready.records[0].inputs) == {"turn", "j1"}
 
 
 def test_an_input_that_is_no_actuator_is_told(tmp_path):
@@ -126,6 +139,8 @@ def test_an_input_that_is_no_actuator_is_told(tmp_path):
         InvalidParameter, match="input load of record run is no actuator; there are"
     ):
         unmodeled.mujoco(path).matched([made(inputs=["turn", "load"])])
+    with pytest.raises(InvalidParameter, match="has no keyframe hom; near are home"):
+        unmodeled.mujoco(path, key="hom")
     with pytest.raises(InvalidParameter, match=r"turm.* near are turn"):
         unmodeled.mujoco(path).matched([made(inputs=["turm"])])
 
@@ -206,3 +221,188 @@ def test_a_warning_of_mujoco_is_no_file(tmp_path):
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     assert [p.name for p in tmp_path.iterdir()] == ["model.xml"]
+
+
+# ---------------------------------------------------------------- changes without a new compilation
+
+
+TIP = '<site name="tip" pos=".2 0 0"/><geom type="box" size=".1 .02'
+PARTS = (
+    ARM.replace(
+        '<position joint="j1" kp="30" kv="1"/>',
+        '<position joint="j1" kp="30" kv="1" forcerange="-8 8"/>',
+    )
+    .replace(
+        "</worldbody>",
+        '<body name="ball" pos="2 0 1"><freejoint/><geom name="ball" size=".1"/>'
+        '<geom type="box" size=".1 .1 .1" contype="0" conaffinity="0" mass="0"/></body>'
+        "</worldbody>",
+    )
+    .replace('"0 0 0 0"', '"0 0 0 0 2 0 1 1 0 0 0"')
+    .replace(
+        'qpos=".1 .9 -.5 .3" qvel="1 -2 3 -4"',
+        'qpos=".1 .9 -.5 .3 2 0 1 1 0 0 0" qvel="1 -2 3 -4 0 1 0 3 2 1"',
+    )
+    .replace(
+        "</actuator>",
+        '</actuator><sensor><framepos name="at" objtype="body" objname="ball"/>'
+        '<framepos name="mid" objtype="xbody" objname="ball"/>'
+        '<actuatorfrc name="pull" actuator="slow"/><accelerometer name="felt" site="tip"/>'
+        "</sensor>",
+    )
+    .replace('<geom type="box" size=".1 .02', TIP)
+)
+
+
+@pytest.fixture
+def parts(tmp_path):
+    path = tmp_path / "parts.xml"
+    path.write_text(PARTS)
+    return unmodeled.mujoco(path, key="home", unknown={})
+
+
+def again(path, time, inputs):
+    """Outputs of a file by MuJoCo alone, with the inputs of each sample."""
+    model = mujoco.MjModel.from_xml_path(str(path))
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 1)
+    seen = []
+    for k in range(time.size):
+        for name, values in inputs.items():
+            data.ctrl[model.actuator(name).id] = values[k]
+        mujoco.mj_forward(model, data)
+        seen.append(np.concatenate([data.qpos[:4], data.sensordata]))
+        mujoco.mj_step(model, data, 5)
+    return np.array(seen)
+
+
+CHANGES = {
+    "j1.damping": 0.7, "j2.frictionloss": 0.5, "j3.armature": 0.05, "j1.stiffness": 2.0,
+    "j1.backlash": 0.05, "j1.kp": 20.0, "j1.kv": 2.0, "j1.gear": 1.2, "j1.force": 3.0,
+    "slow.gain": 6.0, "lower.mass": 2.0, "lower.payload": 0.8, "lower.center_y": 0.04,
+    "lower.inertia_x": 2e-3, "j2.offset_z": 0.02, "gravity.tilt_x": 0.1, "gravity.tilt_y": -0.2,
+    "ball.center_x": 0.05,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [*CHANGES, "all", "place"])
+def test_a_changed_field_is_a_changed_file(parts, tmp_path, name):
+    """The file is compiled by MuJoCo; the run changes fields of a compiled model."""
+    values = {name: CHANGES[name]} if name in CHANGES else {**CHANGES, "ball.mass": 3.0}
+    if name == "place":
+        values = {"lower.payload": 0.8, "lower.payload_x": 0.3, "ball.payload": 5.0,
+                  "ball.payload_y": 0.2}  # fmt: skip
+    time = np.arange(40) * 0.01
+    inputs = {"turn": np.sin(9.0 * time), "j1": 0.8 + 0.3 * np.sin(7.0 * time)}
+    plain = parts.mjcf(time, inputs, {})
+    seen = parts.mjcf(time, inputs, values)
+    told = tmp_path / "changed.xml"
+    told.write_text(parts.mjcf.patched(values).to_xml())
+    wanted = again(told, time, inputs)
+    if "j1.backlash" in values:
+        seen["j1.position"] = seen["j1.position"]  # both sides together
+        keep = [0, *range(4, wanted.shape[1])]
+    else:
+        keep = list(range(wanted.shape[1]))
+    names = [*(f"{n}.position" for n in NAMES), *(f"at.{a}" for a in "xyz"),
+             *(f"mid.{a}" for a in "xyz"), "pull", *(f"felt.{a}" for a in "xyz")]  # fmt: skip
+    moved = 0.0
+    for i in keep:
+        spread = max(np.ptp(wanted[:, i]), 1e-3)
+        np.testing.assert_allclose(
+            seen[names[i]], wanted[:, i], atol=2e-3 * spread, err_msg=names[i]
+        )
+        moved = max(moved, np.abs(seen[names[i]] - plain[names[i]]).max() / spread)
+    assert moved > 0.01
+    # The copies are as before.
+    for n, y in parts.mjcf(time, inputs, {}).items():
+        assert np.array_equal(y, plain[n])
+
+
+def test_runs_on_threads_are_those_alone(parts, monkeypatch):
+    """Equal bytes, whatever the number of threads and the other runs of the batch."""
+    time = np.arange(60) * 0.01
+    uneven = time + 2e-3 * np.sin(np.arange(60))
+    runs = [
+        Run("r", clock_, {"turn": np.sin(k + time)}, {name: value})
+        for k, (name, value) in enumerate(CHANGES.items())
+        for clock_ in (time, uneven)
+    ]
+    monkeypatch.setattr(mjcf_runs, "WORTH_A_THREAD", 1)
+    parts.mjcf.workers = 3
+    together = parts.mjcf.run_all(runs)
+    parts.mjcf.workers = 1
+    for run, seen in zip(runs, together, strict=True):
+        alone = parts.mjcf(run.time, run.inputs, run.parameters)
+        assert all(np.array_equal(seen[n], alone[n]) for n in alone)
+
+
+def test_a_long_run_is_made_in_parts(parts, monkeypatch):
+    time = np.arange(60) * 0.01
+    inputs = {"turn": np.sin(9.0 * time)}
+    whole = parts.mjcf(time, inputs, {})
+    monkeypatch.setattr(mjcf_runs, "STEPS", 7)
+    for name, y in parts.mjcf(time, inputs, {}).items():
+        np.testing.assert_allclose(y, whole[name], rtol=1e-9, atol=1e-9)
+
+
+def test_the_error_of_the_time_step_is_told(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.replace('timestep="0.002"', 'timestep="0.008"'))
+    record = made(inputs=["turn"])
+    sensors = {"j2": unmodeled.data.Sensor(name="j2", sigma=1e-4, unit="rad")}
+    record = replace(record, sensors=sensors)
+    notes = " ".join(unmodeled.mujoco(path, key="home", unknown={}).ready([record]).notes)
+    assert "its time step of 0.008 s is 0.005 s in record run" in notes
+    assert "half its time step changes j2 by" in notes
+    path.write_text(ARM.replace('timestep="0.002"', 'timestep="0.0001"'))
+    record = replace(record, sensors={"j2": replace(sensors["j2"], sigma=1e-3)})
+    notes = " ".join(unmodeled.mujoco(path, key="home", unknown={}).ready([record]).notes)
+    assert "time step" not in notes
+
+
+CRANE = """<mujoco><option timestep="0.002" integrator="implicitfast"/>
+  <worldbody><body name="one" pos="0 0 1"><joint name="j1" axis="0 1 0" damping=".3"/>
+    <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/>
+    <body name="two" pos=".3 0 0"><joint name="j2" axis="0 1 0" damping=".2"/>
+      <geom type="capsule" size=".02" fromto="0 0 0 .3 0 0"/></body></body></worldbody>
+  <actuator><position joint="j1" kp="60" kv="2"/><position joint="j2" kp="30" kv="1"/></actuator>
+</mujoco>"""
+
+
+@pytest.mark.parametrize(("cause", "value"), [("two.payload", 0.15), ("gravity.tilt_y", 0.03)])
+def test_payload_and_tilt_are_named(tmp_path, cause, value):
+    """Withheld in records that MuJoCo makes alone; recorded set points of two servos drive."""
+    path = tmp_path / "crane.xml"
+    path.write_text(CRANE)
+    true = mujoco.MjModel.from_xml_path(str(path))
+    if cause == "two.payload":
+        true.body("two").mass[0] += value
+    else:
+        true.opt.gravity[:] = -9.81 * np.sin(value), 0.0, -9.81 * np.cos(value)
+    found = []
+    for seed in range(3):
+        random, data = np.random.default_rng(seed), mujoco.MjData(true)
+        time = np.arange(80) * 0.01
+        u = 0.4 * np.sin(random.uniform(4.0, 12.0, 2) * time[:, None])
+        q = np.empty((80, 2))
+        for k in range(80):
+            q[k] = data.qpos
+            data.ctrl[:] = u[k]
+            mujoco.mj_step(true, data, 5)
+        q += 1e-4 * random.standard_normal(q.shape)
+        sensors = {n: unmodeled.data.Sensor(name=n, sigma=1e-4, unit="rad")
+                   for n in ("j1.position", "j2.position")}  # fmt: skip
+        found.append(
+            Record(
+                name=f"run{seed}",
+                time=time,
+                inputs={"j1": u[:, 0], "j2": u[:, 1]},
+                outputs={"j1.position": q[:, 0], "j2.position": q[:, 1]},
+                sensors=sensors,
+            )
+        )
+    tested = ["*.payload", "gravity.*", "*.frictionloss", "*.kp"]
+    (named,) = unmodeled.mujoco(path).diagnose(found, effects=tested).named
+    assert named.cause == cause
+    assert named.magnitude == pytest.approx(value, rel=0.05)

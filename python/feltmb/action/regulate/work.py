@@ -248,6 +248,7 @@ def _aftertouch_notes(bench: Bench, action: Action, targets: Targets) -> tuple[s
     asked |= {"speed": presses[0].speed, "travel": presses[0].travel}
     step = Step.model_validate(asked)
     value, why = _try_measure(bench, action, step)
+    value = None if value is None else round(value, 5)  # as it is printed
     if step.holds(value):
         return ()
     found = f"cannot be measured: {why}" if value is None else f"is {1e3 * value:.2f} mm"

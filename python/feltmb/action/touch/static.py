@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 #: Row spacing of the static path [m]; margin of the window for the weights [m]; force at its end
 #: [N].
 STEP, MARGIN, BOTTOM_FORCE = 2.5e-5, 5e-4, 10.0
+#: Force under which a pressed dip is measured [N]: a weight of 250 g.
+FIRM = 0.25 * 9.80665
 REGULATE = "the action is not regulated: feltmb regulate sets its screws"
 
 
@@ -216,6 +218,7 @@ class Distances:
     blow: float  #: hammer to string at rest
     let_off: float  #: hammer to string where they are closest in a press at 10 mm/s
     dip: float  #: key front to its punching at rest
+    dip_pressed: float  #: descent of the key front under 250 gf; the felt yields
     aftertouch: float  #: key front to its punching at the let-off
 
     @property
@@ -229,10 +232,14 @@ def distances(action: Action, static: StaticTouch, slow: SimulatedPress) -> Dist
     roles = roles_of(action)
     bottom, gap = roles["bottom"], static.press.gap
     measurable = static.has_let_off and static.has_bottom
+    path = static.press
+    firm = (path.travel >= static.end) & (path.force >= FIRM)
+    pressed = float(gap[bottom][0] - gap[bottom][firm][0]) if firm.any() else math.nan
     return Distances(
         blow=float(gap[roles["strike"]][0]),
         let_off=slow.closest,
         dip=float(gap[bottom][0]),
+        dip_pressed=pressed,
         aftertouch=slow.left(bottom) if measurable else math.nan,
     )
 

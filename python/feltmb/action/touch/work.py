@@ -50,14 +50,20 @@ class TouchRow:
     source: str = ""
 
     @property
+    def digits(self) -> int:
+        """Decimals with which the value is printed and compared."""
+        return {"mm": 2, "1": 3}.get(self.unit, 1)
+
+    @property
     def verdict(self) -> str:
         """``inside``, ``below`` or ``above`` a range; the difference from a value; else empty."""
         if self.value is None:
             return ""
         if self.low is not None and self.high is not None:
-            if self.value < self.low:
+            shown = round(self.value, self.digits)
+            if shown < self.low:
                 return "below"
-            return "above" if self.value > self.high else "inside"
+            return "above" if shown > self.high else "inside"
         if self.published is not None:
             unit = unit_suffix(self.unit)
             return f"{round(self.value - self.published, 2) + 0.0:+.3g}{unit}"
@@ -368,6 +374,7 @@ def _rows(
         ("damper_start", "damper start / blow", static.damper_start, "1", "1"),
         ("let_off_travel", "dip at let-off", ruled.let_off_dip, "m", "mm"),
         ("key_dip", "key dip", ruled.dip, "m", "mm"),
+        ("key_dip_pressed", "key dip under 250 gf", ruled.dip_pressed, "m", "mm"),
         ("aftertouch", "aftertouch", ruled.aftertouch, "m", "mm"),
         *_bottom_rows(strikes),
         *_travel_rows(fits),

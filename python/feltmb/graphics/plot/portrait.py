@@ -218,6 +218,9 @@ def _draw_attachments(
         ax.plot(*center, marker="+", markersize=5.0, color=INK, markeredgewidth=0.7, zorder=5.6)
     for name, point in action.config.points.items():
         at = point_at(action, poses, bent, point.body, point.point)
+        if point.body in poses:  # behind the body: shows to what a point in the air belongs
+            center = point_at(action, poses, bent, point.body, body_center(action, point.body))
+            ax.plot(*np.array([center, at]).T, color=BLUE, linewidth=0.7, ls=":", zorder=1.2)
         ax.plot(
             *at,
             marker="D",

@@ -99,29 +99,29 @@ def run(command: click.Command, arguments: list[str] | None, name: str) -> None:
         Name of the program, the beginning of its messages.
     """
     one_thread_from_the_start()
-    from unmodeled.cli.screen import complain, named
+    try:
+        from unmodeled.cli.screen import complain, named
 
-    with named(name):
-        for word in arguments or ():  # impossible in a shell, but possible in a call from Python
-            if "\0" in word:
-                complain(f"argument {word[:60]!r}: holds a null character, expected none")
-                sys.exit(2)
-        try:
-            with warnings.catch_warnings():
-                warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
-                code = command.main(arguments, prog_name=name, standalone_mode=False)
-        except SystemExit as end:
-            if f"_{name.upper()}_COMPLETE" in os.environ:  # click ends so after a completion
-                raise
-            code = _ended(end)
-        except (Exception, KeyboardInterrupt) as error:
-            code = _reported(error)
+        with named(name), warnings.catch_warnings():
+            for word in arguments or ():  # impossible in a shell, but possible in Python
+                if "\0" in word:
+                    raise click.UsageError(
+                        f"argument {word[:60]!r}: holds a null character, expected none"
+                    )
+            warnings.showwarning = lambda message, *_: complain(f"warning: {message}")
+            code = command.main(arguments, prog_name=name, standalone_mode=False)
+    except SystemExit as end:
+        if f"_{name.upper()}_COMPLETE" in os.environ:  # click ends so after a completion
+            raise
+        code = _ended(end, name)
+    except (Exception, KeyboardInterrupt) as error:
+        code = _reported(error, name)
     sys.exit(code if isinstance(code, int) else 0)
 
 
-def _ended(end: SystemExit) -> int:
+def _ended(end: SystemExit, name: str) -> int:
     """Exit code after an end of the program in the middle of a command."""
-    from unmodeled.cli.screen import complain
+    from unmodeled.cli.screen import complain, named
 
     frames = traceback.extract_tb(end.__traceback__)
     by_click = frames and frames[-1].filename.startswith(str(Path(click.__file__).parent))
@@ -130,16 +130,17 @@ def _ended(end: SystemExit) -> int:
         return 0
     # No command ends in this way: a Python model or effect of the user did.
     where = f"{frames[-1].filename}, line {frames[-1].lineno}" if frames else "a model"
-    complain(
-        f"{where}: ends the program (exit code {end.code!r}); a model must return or raise an "
-        "exception"
-    )
+    with named(name):
+        complain(
+            f"{where}: ends the program (exit code {end.code!r}); a model must return or raise an "
+            "exception"
+        )
     return 1
 
 
-def _reported(error: BaseException) -> int:
+def _reported(error: BaseException, name: str) -> int:
     """Print one message for an error, and return the exit code; others are raised."""
-    from unmodeled.cli.screen import complain, say
+    from unmodeled.cli.screen import complain, named, say
     from unmodeled.errors import Error, FileExists, ModelError
 
     text, code = str(error), 1
@@ -160,5 +161,6 @@ def _reported(error: BaseException) -> int:
         text = f"{error.filename or 'a file'}: {error.strerror or error}"
     else:
         raise error
-    complain(text)
+    with named(name):
+        complain(text)
     return code

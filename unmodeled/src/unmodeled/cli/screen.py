@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from unmodeled.errors import message, printable
+from unmodeled.errors import Error, message, printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -187,19 +187,27 @@ def collected_json(function: Callable[..., None], *, as_json: bool, **given: Any
     """Call a function that prints tables or writes files, with ``--json`` or without.
 
     With the option, the printed tables and the names of the written files are printed on stdout as
-    one JSON object; numbers have the digits of the tables. All other text is printed on stderr.
+    one JSON object; numbers have the digits of the tables. All other text is printed on stderr. If
+    the function fails after a part of its work, the object has this part and the error.
     """
     if not as_json:
         function(**given)
         return
     found: dict[str, list[Any]] = {"tables": [], "written": []}
+    fault: Error | None = None
     token = _collected.set(found)
     try:
         with contextlib.redirect_stdout(sys.stderr):
             function(**given)
+    except Error as error:
+        fault = error
     finally:
         _collected.reset(token)
-    print_json({key: value for key, value in found.items() if value})
+    result: dict[str, Any] = {key: value for key, value in found.items() if value}
+    if fault is None or result:
+        print_json(result | ({} if fault is None else {"error": str(fault)}))
+    if fault is not None:
+        raise fault
 
 
 def _table_data(table: Any) -> dict[str, Any]:

@@ -34,6 +34,7 @@ __all__ = [
     "Run",
     "Runner",
     "calling",
+    "cores",
     "explained",
 ]
 
@@ -255,8 +256,17 @@ def call(function: Function, run: Run, outputs: tuple[str, ...]) -> Array | str:
     return found
 
 
+def cores() -> int:
+    """Number of cores that this process may use."""
+    there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return there or 1
+
+
 class Runner:
-    """Computes runs and caches the results."""
+    """Computes runs and caches the results.
+
+    A function with a method ``run_all(runs)`` computes several runs at once.
+    """
 
     def __init__(self, function: Function, outputs: tuple[str, ...], name: str):
         self._function = function
@@ -273,10 +283,9 @@ class Runner:
 
     def start(self, workers: int | None) -> None:
         """Start processes, before there are threads."""
-        if self._pool is not None:
+        if self._pool is not None or hasattr(self._function, "run_all"):
             return
-        there = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-        count = workers or there or 1
+        count = workers or cores()
         if count == 1:
             return
         given: Function | bytes = self._function
@@ -376,10 +385,10 @@ class Runner:
         j, i = bad[0]
         return f"returns {found[j, i]} for {self._outputs[i]} at t = {run.time[j]:g} s, sample {j}"
 
-    def _one(self, run: Run) -> Array | str:
+    def _one(self, run: Run, function: Function | None = None) -> Array | str:
         self.made += 1
         try:
-            return call(self._function, run, self._outputs)
+            return call(function or self._function, run, self._outputs)
         except Unusable as error:
             raise self._invalid(run, error) from None
 
@@ -387,6 +396,11 @@ class Runner:
         return InvalidParameter(f"model {self._name}: its function {error} ({run})")
 
     def _make(self, runs: Sequence[Run]) -> list[Array | str]:
+        if hasattr(self._function, "run_all"):  # it has threads of its own
+            return [
+                self._one(run, lambda *_, y=y: y)
+                for run, y in zip(runs, self._function.run_all(runs), strict=True)
+            ]
         if self._pool is None or len(runs) < 2:
             return [self._one(run) for run in runs]
         futures = [self._pool.submit(_work, run, self._outputs) for run in runs]

@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import System, Traces, sensitivities, simulated, untraced
+from unmodeled.fit.batch import sensitivities, simulated
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
 from unmodeled.fit.model import (
     BETWEEN,
@@ -31,6 +31,7 @@ from unmodeled.fit.model import (
     SensitivityRequest,
     State,
     prior_jobs,
+    start_in,
 )
 from unmodeled.fit.noise import Noise
 from unmodeled.fit.priors import (
@@ -40,6 +41,7 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
+from unmodeled.fit.traces import System, Traces, untraced
 from unmodeled.units import same_unit, to_si
 
 __all__ = [
@@ -237,6 +239,7 @@ class Equations(Model):
         """Choose the substeps and the interpolation of the inputs for the records."""
         if self._resolved:
             return Ready(self, tuple(records))
+        self._check_rates(records)
         try:
             self._check_inputs(records)
             out, notes = resolved(self._scaled(records), records)
@@ -256,6 +259,30 @@ class Equations(Model):
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
         return Ready(out, tuple(records), tuple(notes))
+
+    def _check_rates(self, records: Sequence[Record]) -> None:
+        """Refuse rates that are NaN where every record begins, with the tabulated parameters."""
+        fault = ""
+        for record in records:
+            x = {s.name: np.float64(start_in(s, record)[0]) for s in self._states}
+            p = {q.name: np.float64(q.value) for q in self.parameters}
+            try:
+                u = {n: np.float64(record.inputs[n][0]) for n in self.inputs}
+                with np.errstate(all="ignore"):
+                    rates = tuple(self._rates(record.time[0], Named(x), Named(u), Named(p)))
+                bad = [n for n, v in zip(x, rates, strict=True) if not np.isfinite(v)]
+            except Exception:  # a simulation reports it
+                return
+            if not bad:
+                return
+            at = ", ".join(f"{k} = {v:g}" for k, v in {**x, **u, **p}.items())
+            fault = fault or f"{', '.join(bad)} at t = {record.time[0]:g} s and {at}"
+        if fault:
+            raise InvalidParameter(
+                f"model {self.name}: it gives no finite outputs: its rate of {fault}, where record "
+                f"{records[0].name} begins, is no finite number, expected one. If a state has no "
+                "meaning at zero, give its start: states={'h': (1.0, 0.1, 'm')}"
+            )
 
     def _scaled(self, records: Sequence[Record]) -> Equations:
         """Copy with scales from the records where the short forms state none."""
@@ -558,19 +585,21 @@ def by_rates(rates: Rates, effect: Effect, neutral: Mapping[str, float]) -> Effe
 class _Read(Named):
     """Inputs of a trial: any name has random values, and is noted."""
 
-    __slots__ = ("_draw", "read")
+    __slots__ = ("_draw", "place")
 
     def __init__(self, draw: Callable[[], Array]):
         self._values: dict[str, Any] = {}
         self._draw = draw
+        self.place: int | slice = slice(None)
+        """Points whose values are read."""
 
     def __getitem__(self, name: str) -> Any:
-        return self._values.setdefault(name, self._draw())
+        return self._values.setdefault(name, self._draw())[self.place]
 
     def __getattr__(self, name: str) -> Any:
         if name.startswith("__"):
             raise AttributeError(name)
-        return self._values.setdefault(name, self._draw())
+        return self[name]
 
 
 @dataclass(frozen=True)
@@ -597,6 +626,11 @@ def trial(
         States and parameters of the model.
     inputs
         Names of the inputs; None: all that the rates read.
+
+    Raises
+    ------
+    InvalidParameter
+        The number of rates is not that of the states.
     """
     random = np.random.default_rng(0)
 
@@ -605,20 +639,38 @@ def trial(
 
     x = {s.name: s.start + s.scale * draw() for s in states}
     p = {q.name: q.value * (1.0 + 0.02 * (draw() - 1.0)) for q in parameters}
-    u = _Read(draw) if inputs is None else Named({n: draw() for n in inputs})
+    u = _Read(draw)
+    if inputs is not None:
+        u._values.update({n: draw() for n in inputs})
 
-    def at(values: Mapping[str, Any]) -> list[Array]:
+    def called(values: Mapping[str, Array], place: int | slice) -> list[Array]:
+        u.place = place
+        named = (Named({n: v[place] for n, v in of.items()}) for of in (x, values))
         with np.errstate(all="ignore"):
-            found = rates(np.zeros(POINTS), Named(x), u, Named(values))
-        return [np.zeros(POINTS) + np.asarray(v, dtype=np.float64) for v in found]
+            found = rates(np.zeros(POINTS)[place], next(named), u, next(named))
+        zeros = np.zeros(POINTS)[place]
+        return [zeros + np.asarray(v, dtype=np.float64) for v in found]
 
+    def at(values: Mapping[str, Array]) -> list[Array]:
+        """Rates at all points: by arrays, or by numbers if they do not take arrays."""
+        try:
+            return called(values, slice(None))
+        except Exception:
+            return list(np.array([called(values, k) for k in range(POINTS)]).T)
+
+    heavy: dict[str, list[Array]] = {}
     try:
         base = at(p)
         if len(base) != len(states):
             raise ValueError  # as below
         heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
     except Exception:  # a rate that needs other values; the first simulation reports its faults
-        return Trial(tuple(u._values) if isinstance(u, _Read) else ())
+        return Trial(tuple(u._values))
+    if len(base) != len(states):
+        raise InvalidParameter(
+            f"the rates return {len(base)} values, expected one for each state: "
+            f"{', '.join(s.name for s in states)}"
+        )
     found = []
     for q, rate in zip(states, base, strict=False):
         speeds = [i for i, v in enumerate(states) if v is not q and np.array_equal(rate, x[v.name])]
@@ -630,7 +682,7 @@ def trial(
                 if np.allclose(2.0 * other[i], base[i], rtol=EQUAL, atol=0.0) and base[i].any()
             ]
             found.append(_coordinate(q, states[i], inertias))
-    return Trial(tuple(u._values) if isinstance(u, _Read) else (), tuple(found))
+    return Trial(tuple(u._values), tuple(found))
 
 
 def _massive(parameter: Parameter) -> bool:

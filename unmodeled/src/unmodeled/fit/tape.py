@@ -17,7 +17,17 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 
-__all__ = ["FUNCTIONS", "NAMES", "TABLES", "Code", "Fragment", "NotTraceable", "Symbol", "Tape"]
+__all__ = [
+    "ARGUMENTS",
+    "FUNCTIONS",
+    "NAMES",
+    "TABLES",
+    "Code",
+    "Fragment",
+    "NotTraceable",
+    "Symbol",
+    "Tape",
+]
 
 Code = NDArray[np.int32]
 #: A quantity of a tape: its place among the nodes.
@@ -27,7 +37,7 @@ Target = tuple[Any, Any]
 
 
 class NotTraceable(TypeError):
-    """A function needs the number of a symbol, for example for a branch of Python."""
+    """A function needs the number of a symbol, for example for an index."""
 
 
 def _where(a: Any, b: Any, c: Any) -> Any:
@@ -78,7 +88,13 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "slope": _slope,
 }
 NAMES = tuple(FUNCTIONS)
+_PAIRS = ("add", "subtract", "multiply", "divide", "minimum", "maximum", "power", "arctan2", "less",
+          "less_equal", "equal")  # fmt: skip
+#: Numbers of arguments by code.
+ARGUMENTS = tuple(3 if n == "where" else 2 if n in _PAIRS else 1 for n in NAMES)
 _CODE = {name: k for k, name in enumerate(NAMES)}
+#: Largest number of branches on a path through a function, and of paths.
+BRANCHES, PATHS = 16, 64
 #: Operations whose second argument is a table.
 TABLES = (_CODE["interp"], _CODE["slope"])
 #: Operations at which a function may jump.
@@ -93,6 +109,9 @@ class Tape:
         """``("input", key)``, ``("constant", value)`` or an operation with its nodes."""
         self.tables: list[Array] = []
         self._known: dict[tuple[Any, ...], Node] = {}
+        self._path: dict[Node, bool] = {}
+        """Conditions that a function asked for, and the answers."""
+        self._answers: tuple[bool, ...] = ()
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
 
@@ -198,6 +217,44 @@ class Tape:
                 return square
             return self.add("multiply", square, a if power == 3.0 else square)
         return self.add("divide", self.one, a) if power == -1.0 else None
+
+    # --------------------------------------------------------------------------------- branches
+
+    def asked(self, node: Node) -> bool:
+        """Answer to a branch of Python: the function is called again with the other one."""
+        known = self.value(node)
+        if known is not None:
+            return known != 0.0
+        if node not in self._path:
+            k = len(self._path)
+            if k >= BRANCHES:
+                raise NotTraceable(f"more than {BRANCHES} branches, or a loop, depend on values")
+            self._path[node] = self._answers[k] if k < len(self._answers) else True
+        return self._path[node]
+
+    def called(self, function: Callable[[], Mapping[Any, Any]]) -> dict[Any, Node]:
+        """Nodes of what a function returns by name, for all paths through its branches."""
+        return self._called(function, (), [PATHS])
+
+    def _called(
+        self, function: Callable[[], Mapping[Any, Any]], answers: tuple[bool, ...], left: list[int]
+    ) -> dict[Any, Node]:
+        left[0] -= 1
+        if left[0] < 0:
+            raise NotTraceable(f"more than {PATHS} paths through branches that depend on values")
+        self._path, self._answers = {}, answers
+        found = {key: self.of(v) for key, v in function().items()}
+        path = list(self._path.items())
+        for k in range(len(path) - 1, len(answers) - 1, -1):
+            taken = tuple(answer for _, answer in path[:k])
+            other = self._called(function, (*taken, False), left)
+            found = {
+                key: self.add(
+                    "where", path[k][0], found.get(key, self.zero), other.get(key, self.zero)
+                )
+                for key in dict.fromkeys([*found, *other])
+            }
+        return found
 
     # ------------------------------------------------------------------------------ derivatives
 
@@ -366,8 +423,12 @@ class Symbol:
             raise NotTraceable(f"np.{func.__name__} cannot be traced")
         return _ARRAY_FUNCTIONS[func.__name__](*args, **options)
 
-    __bool__ = _refusal("a branch of Python (if, and, or, while) depends on a value")
-    __float__ = _refusal("a number of Python is needed, as by the functions of math")
+    def __bool__(self) -> bool:
+        return self.tape.asked(self.node)
+
+    __float__ = _refusal(
+        "a number of Python is needed, as by functions of math, or by an array of numbers"
+    )
     __int__ = __index__ = __complex__ = __float__
 
     def astype(self, kind: Any, **_: Any) -> Symbol:
@@ -515,9 +576,8 @@ class Traced:
     _fragments: dict[frozenset[Target], Fragment] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, tape: Tape, values: Mapping[Any, Any]) -> Traced:
-        """From symbols or numbers by target."""
-        nodes = {key: tape.of(v) for key, v in values.items()}
+    def of(cls, tape: Tape, nodes: dict[Any, Node]) -> Traced:
+        """From nodes by target."""
         jumps = any(tape.nodes[n][0] in _JUMPS for n in _needed(tape.nodes, nodes.values()))
         return cls(tape, nodes, jumps)
 

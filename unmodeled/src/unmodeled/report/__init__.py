@@ -72,6 +72,7 @@ VERDICTS = {
     Verdict.CALIBRATED: "Calibrated",
     Verdict.NAMED: "Named",
     Verdict.ONE_OF: "One of several",
+    Verdict.SUPPORTED: "Supported",
     Verdict.UNKNOWN: "Unknown",
 }
 #: Largest multiple of the noise that counts as the noise, and multiple of its standard deviation
@@ -179,7 +180,7 @@ def _remains(result: Result) -> str:
 
 def _unnamed(result: Result) -> list[str]:
     """Causes that are a part of the fit, but are not reported."""
-    reported = {n.cause for g in (result.named, *result.classes) for n in g}
+    reported = {n.cause for g in (result.named, *result.classes, result.supported) for n in g}
     return [name for name in result.reported if name not in reported]
 
 
@@ -204,6 +205,8 @@ def _item(c: Change) -> str:
     notes = [text[:1].upper() + text[1:]]
     if c.within is not None:
         notes.append(f"{'within' if c.within else 'outside'} its tolerance")
+    if c.tier == "supported":
+        notes.append("whether it is the cause is not sure: another law could do the same")
     if c.tier == "named":
         notes.append(f"{100.0 * c.probability:.0f} % sure")
     if not math.isnan(c.takes):
@@ -303,7 +306,7 @@ def _next(result: Result) -> list[str]:
     for c in result.changes:
         if c.tier == "fitted":
             steps.append(_repair(c))
-        elif c.tier == "named":
+        elif not c.equivalents:
             remedy = c.remedy or "measure it by itself, and correct the model."
             steps.append(f"{c.name}: {remedy}")
     for group, record in zip(result.classes, result.apart, strict=False):

@@ -170,27 +170,35 @@ def system(
     ``share``: weight of a sample, for all channels or by channel.
     """
     g = linears[0].by_global.shape[2]
-    c = linears[0].by_further.shape[2]
-    matrix, right = np.zeros((g, g)), np.zeros(g)
-    further, own, gain = np.zeros((c, g)), np.zeros((c, c)), np.zeros(c)
-    blocks, log_det = [], 0.0
-    for r, (observed, linear) in enumerate(zip(records, linears, strict=True)):
-        gram = np.tensordot(share / noise**2, linear.gram, axes=1)
-        n = linear.by_local.shape[2]
-        a, b, e = slice(0, g), slice(g, g + n), slice(g + n, g + n + c)
-        weight = np.array([q.weight for q in local_of(problem, members, observed)])
-        inner = gram[b, b] + np.diag(weight * (1.0 + damping) + damping * np.diag(gram[b, b]))
-        target = gram[b, -1] - weight * point.local[r]
-        coupling = np.concatenate([gram[b, a], gram[b, e]], axis=1)
-        solved = np.linalg.solve(inner, np.column_stack([coupling, target]))
-        matrix += gram[a, a] - coupling[:, :g].T @ solved[:, :g]
-        right += gram[a, -1] - coupling[:, :g].T @ solved[:, -1]
-        further += gram[e, a] - coupling[:, g:].T @ solved[:, :g]
-        own += gram[e, e] - coupling[:, g:].T @ solved[:, g:-1]
-        gain += gram[e, -1] - coupling[:, g:].T @ solved[:, -1]
-        blocks.append((inner, coupling[:, :g], target))
-        log_det += float(np.linalg.slogdet(inner)[1]) - float(np.log(weight).sum())
-    return System(matrix, right, further, own, gain, tuple(blocks), log_det)
+    counts = [x.by_local.shape[2] for x in linears]
+    weighted, log_det = np.asarray(share / noise**2), 0.0
+    blocks: dict[int, tuple[Array, Array, Array]] = {}
+    total = 0.0
+    for n in dict.fromkeys(counts):  # records with as many unknowns together
+        rows = [r for r, count in enumerate(counts) if count == n]
+        size = linears[rows[0]].gram.shape[1]
+        grams = np.array([linears[r].gram for r in rows]).reshape(len(rows), weighted.size, -1)
+        gram = (weighted @ grams).reshape(len(rows), size, size)
+        local = slice(g, g + n)
+        weight = np.array(
+            [[q.weight for q in local_of(problem, members, records[r])] for r in rows]
+        )
+        inner, target = gram[:, local, local].copy(), gram[:, local, -1]
+        diagonal = np.einsum("rnn->rn", inner)
+        diagonal += weight * (1.0 + damping) + damping * diagonal
+        target -= weight * np.array([point.local[r] for r in rows])
+        own = gram.sum(axis=0)
+        if n:
+            coupling = gram[:, local]
+            solved = np.linalg.solve(inner, coupling)
+            own -= np.einsum("rnk,rnl->kl", coupling, solved)
+            log_det += float(np.linalg.slogdet(inner)[1].sum() - np.log(weight).sum())
+        total = total + np.delete(np.delete(own, local, axis=0), local, axis=1)
+        blocks |= {r: (inner[i], gram[i, local, :g], target[i]) for i, r in enumerate(rows)}
+    own = np.asarray(total)
+    a, e = slice(0, g), slice(g, -1)
+    locals_ = tuple(blocks[r] for r in range(len(counts)))
+    return System(own[a, a], own[a, -1], own[e, a], own[e, e], own[e, -1], locals_, log_det)
 
 
 def local_penalty(

@@ -56,6 +56,9 @@ class Verdict(Enum):
     """One or more causes are named."""
     ONE_OF = "one of"
     """One of a class of causes is missing; the records do not tell which one."""
+    SUPPORTED = "supported"
+    """Causes predict records that were not fitted better for sure; whether they are the ones is not
+    sure."""
     UNKNOWN = "unknown"
     """A material residual remains, and no cause explains it."""
 
@@ -228,9 +231,10 @@ class Change:
     component: str
     kind: str
     """Kind of the effect, or "parameter"."""
-    tier: Literal["named", "one of", "fitted"]
+    tier: Literal["named", "one of", "supported", "fitted"]
     """``named``: the records tell it from all listed causes; ``one of``: not from its equivalents;
-    ``fitted``: one of the fewest parameters that explain the fit."""
+    ``supported``: it predicts held-out records better, whether it is the cause or not; ``fitted``:
+    one of the fewest parameters that explain the fit."""
     unit: str
     size: float
     """Change of the parameter, or magnitude of the effect [unit]."""
@@ -372,6 +376,9 @@ class Result:
     """Number of causes that were to be tried."""
     refused: tuple[str, ...] = ()
     """Causes of the most probable set whose magnitude differs between records."""
+    supported: tuple[Named, ...] = ()
+    """Causes that are not named, each of which surely improves the prediction of held-out records,
+    together with the named ones."""
     complete: bool = True
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
@@ -407,8 +414,9 @@ class Result:
         not matter. If the verdict is UNKNOWN, parameters may imitate what is not known: they are
         only in ``parameters``.
         """
-        known = {n.changes for group in (self.named, *self.classes) for n in group}
+        known = {n.changes for group in (self.named, *self.classes, self.supported) for n in group}
         found = [self._change(n, "named") for n in self.named]
+        found += [self._change(n, "supported") for n in self.supported]
         for group in self.classes:
             first, *others = (self._change(n, "one of") for n in group)
             found.append(replace(first, equivalents=tuple(others)))
@@ -423,7 +431,7 @@ class Result:
     def _change(
         self,
         n: Named,
-        tier: Literal["named", "one of", "fitted"],
+        tier: Literal["named", "one of", "supported", "fitted"],
         p: ParameterValue | None = None,
     ) -> Change:
         """A change with what it takes away of the channel where this matters most."""

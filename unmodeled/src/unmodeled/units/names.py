@@ -56,6 +56,7 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     "rad": {"mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
     "rad/s": {"rpm": math.pi / 30.0},
     "1/s": {"Hz": 1.0, "kHz": 1e3},
+    "kg/m": {"tex": 1e-6, "dtex": 1e-7, "den": 1e-3 / 9e3},
     "kg m/s^2": {
         **{"N": 1.0, "mN": 1e-3, "cN": 1e-2, "daN": 10.0, "kN": 1e3, "MN": 1e6},
         **{"uN": 1e-6, "µN": 1e-6},
@@ -297,25 +298,9 @@ text_readers.append(si_value)
 
 #: SI units of quantities that have a usual form.
 _USUAL = (
-    *(
-        "1",
-        "m",
-        "kg",
-        "s",
-        "rad",
-        "1/s",
-        "Hz",
-        "N",
-        "Pa",
-        "J",
-        "m^2",
-        "m^3",
-        "m/s",
-        "m/s^2",
-        "rad/s",
-    ),
-    *("rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s", "kg/m^3"),
-    *("N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
+    *("1", "m", "kg", "s", "rad", "1/s", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2"),
+    *("rad/s", "rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s"),
+    *("kg/m^3", "N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
 )
 
 

@@ -1,0 +1,295 @@
+"""Labelled records of a sensor: simulated strokes, what the sensor reads, and the truth."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from feltmb.keyboard.gestures import Inversion, random_gestures, run_all, truth_of
+from feltmb.keyboard.sensor import Sensor, Setup, load_sensor, setup_of, travels
+from feltmb.keyboard.velocity import VelocityCurve
+from feltmb.mechanism import Action, load_action
+from unmodeled.arguments import checked
+from unmodeled.errors import InvalidParameter
+from unmodeled.files import check_writable, is_file, why_missing
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from feltmb.run.results import Run
+    from feltmb.run.stroke import Stroke
+
+__all__ = ["Labelled", "labelled_strokes", "read_set", "sensed", "write_set"]
+
+#: Records that are made, or are in memory, at a time.
+BLOCK = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Labelled:
+    """What a sensor read in one gesture, and the truth.
+
+    Attributes
+    ----------
+    kind : str
+        struck, pressed, staccato, repeated, half return.
+    samples : DataFrame
+        Counts of the converter over the time [s], a column a channel.
+    truth : tuple
+        Time [s] and speed at the string [m/s] of each strike.
+    """
+
+    kind: str
+    samples: pd.DataFrame
+    truth: tuple[tuple[float, float], ...]
+
+    def plot(self, setup: Setup) -> Figure:
+        """The counts over time with the true strikes, and the curve of the sensor.
+
+        Parameters
+        ----------
+        setup
+            Sensor and action.
+        """
+        from unmodeled.style import BLUE, GRAY, RED, head_line, new_figure, side_legend, style_axes
+
+        sensor = setup.sensor
+        figure = new_figure(9.0, 6.0)
+        head_line(figure, f"{sensor.name} in {setup.action}: {self.kind}")
+        upper, lower = figure.subplots(2, 1, height_ratios=(3, 2))
+        for name, color in zip(sensor.channels, (BLUE, GRAY), strict=False):
+            upper.plot(1e3 * self.samples.index, self.samples[name], color=color, label=name)
+        for i, (time, speed) in enumerate(self.truth):
+            label = "strike, m/s" if i == 0 else None
+            upper.axvline(1e3 * time, color=RED, lw=1, label=label)
+            upper.annotate(f"{speed:.2f}", (1e3 * time, 1.0), xycoords=("data", "axes fraction"),
+                           ha="center", va="bottom", fontsize=8, color=RED)  # fmt: skip
+        lower.plot(sensor.travel, sensor.reading, "o-", color=BLUE, ms=3, label="curve")
+        for level, label in ((sensor.low, "range of the converter"), (sensor.high, None)):
+            lower.axhline(level, color=GRAY, lw=0.8, ls="--", label=label)
+        style_axes(upper, "time [ms]", f"counts, {sensor.bits} bits")
+        style_axes(lower, "travel [1]: 0 rest, 1 string or key punching", "reading [1]")
+        side_legend(upper)
+        side_legend(lower)
+        return figure
+
+
+@checked
+def labelled_strokes(
+    action: Action | str = "grand_action",
+    sensor: Sensor | str = "reflective",
+    count: int = 1000,
+    *,
+    seed: int = 0,
+    jobs: int | None = None,
+) -> tuple[Setup, Iterator[Labelled]]:
+    """Simulate random gestures from ppp to fff with a sensor; the same ones for the same seed.
+
+    Parameters
+    ----------
+    action
+        Action that is played, or its name.
+    sensor
+        Sensor, or its name. Each record is of another unit: its tolerances are drawn anew.
+    count
+        Number of records; one has one to five presses.
+    seed
+        Seed of the random numbers.
+    jobs
+        Threads; default: one a core. The records do not depend on it.
+
+    Returns
+    -------
+    Setup
+        What an algorithm may know.
+    iterator of Labelled
+        The records; they are simulated as they are asked for.
+    """
+    if count < 1 or seed < 0:
+        what, got = ("count", count) if count < 1 else ("seed", seed)
+        raise InvalidParameter(f"labelled_strokes: {what} = {got}, must be positive")
+    mechanism = load_action(action) if isinstance(action, str) else action
+    described = load_sensor(sensor) if isinstance(sensor, str) else sensor
+    setup = setup_of(mechanism, described)
+    return setup, _records(mechanism, setup, count, seed, jobs)
+
+
+@checked
+def sensed(
+    action: Action, stroke: Stroke, sensor: Sensor, *, seed: int = 0
+) -> tuple[Setup, Labelled]:
+    """What a sensor reads in one stroke, and the truth.
+
+    Parameters
+    ----------
+    action
+        Action that is played.
+    stroke
+        Stroke.
+    sensor
+        Sensor; its tolerances are drawn for one unit.
+    seed
+        Seed of the random numbers.
+    """
+    setup, made = setup_of(action, sensor), []
+
+    def take(_: int, run: Run) -> None:
+        samples = sensor.sample(run.time, travels(action, run, setup), np.random.default_rng(seed))
+        made.append(Labelled(stroke.name, samples, tuple(truth_of(run))))
+
+    run_all(action, [stroke], take)
+    return setup, made[0]
+
+
+def _records(
+    action: Action, setup: Setup, count: int, seed: int, jobs: int | None
+) -> Iterator[Labelled]:
+    inversion = Inversion(action)
+    gestures = list(random_gestures(inversion, count, seed))
+    units = [np.random.default_rng(s) for s in np.random.SeedSequence([seed, 1]).spawn(count)]
+    for first in range(0, count, BLOCK):
+        block = gestures[first : first + BLOCK]
+        made: list[Labelled] = []
+
+        def take(index: int, run: Run, first: int = first, made: list[Labelled] = made) -> None:
+            at = first + index
+            samples = setup.sensor.sample(run.time, travels(action, run, setup), units[at])
+            made.append(Labelled(gestures[at].kind, samples, tuple(truth_of(run))))
+
+        run_all(action, (g.stroke for g in block), take, jobs)
+        yield from made
+
+
+# --- Parquet -------------------------------------------------------------------------------------
+
+
+def _arrow() -> Any:
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InvalidParameter(
+            "a set of strokes is a Parquet file; install the extra: feltmb[parquet]"
+        ) from None
+    return pyarrow
+
+
+@checked
+def write_set(
+    path: str | Path,
+    setup: Any,
+    records: Any,
+    *,
+    curve: Any = None,
+    force: bool = False,
+) -> int:
+    """Write labelled records as Parquet, one row a record; return their number.
+
+    Columns: ``kind``, ``start`` [s], ``rate`` [Hz], a list of counts a channel, and the lists
+    ``strike_time`` [s], ``strike_speed`` [m/s] and ``velocity`` (MIDI). The setup is in the
+    metadata of the file.
+
+    Parameters
+    ----------
+    path
+        File to be written.
+    setup, records
+        Those of :func:`labelled_strokes`.
+    curve
+        Velocity curve; default: the packaged one.
+    force
+        False: an existing file is not overwritten.
+    """
+    arrow = _arrow()
+    path = Path(path)
+    check_writable(path, force=force)
+    curve = curve or VelocityCurve()
+    lists = {c: arrow.list_(arrow.int32()) for c in setup.sensor.channels}
+    schema = arrow.schema(
+        {
+            "kind": arrow.string(),
+            "start": arrow.float64(),
+            "rate": arrow.float64(),
+            **lists,
+            "strike_time": arrow.list_(arrow.float64()),
+            "strike_speed": arrow.list_(arrow.float64()),
+            "velocity": arrow.list_(arrow.int32()),
+        },
+        metadata={"setup": json.dumps(setup.as_dict())},
+    )
+    partial = path.with_name(path.name + ".part")
+    count = 0
+    try:
+        with arrow.parquet.ParquetWriter(partial, schema) as writer:
+            rows: list[dict[str, Any]] = []
+            for record in records:
+                rows.append(
+                    {
+                        "kind": record.kind,
+                        "start": float(record.samples.index[0]),
+                        "rate": setup.sensor.rate,
+                        **{c: record.samples[c].to_numpy() for c in lists},
+                        "strike_time": [t for t, _ in record.truth],
+                        "strike_speed": [v for _, v in record.truth],
+                        "velocity": [curve.velocity(v) for _, v in record.truth],
+                    }
+                )
+                count += 1
+                if len(rows) == BLOCK:
+                    writer.write_table(arrow.Table.from_pylist(rows, schema))
+                    rows = []
+            if rows:
+                writer.write_table(arrow.Table.from_pylist(rows, schema))
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return count
+
+
+@checked
+def read_set(path: str | Path) -> tuple[Setup, Iterator[Labelled]]:
+    """The setup and the records of a file of :func:`write_set`.
+
+    Raises
+    ------
+    InvalidParameter
+        The file is no such set.
+    """
+    import pandas as pd
+
+    arrow = _arrow()
+    path = Path(path)
+    if not is_file(path):
+        raise InvalidParameter(f"{path}: {why_missing(path)}")
+    try:
+        file = arrow.parquet.ParquetFile(path)
+        known = json.loads(file.schema_arrow.metadata[b"setup"])
+        sensor = Sensor.model_validate(known.pop("sensor"))
+        pairs: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in known.items()
+        }
+        setup = Setup(sensor, **pairs)
+    except (arrow.ArrowException, KeyError, TypeError, ValueError) as fault:
+        raise InvalidParameter(
+            f"{path}: is no set of labelled strokes ({type(fault).__name__}); expected a file of "
+            "feltmb keyboard strokes"
+        ) from None
+
+    def records() -> Iterator[Labelled]:
+        for batch in file.iter_batches(BLOCK):
+            for row in batch.to_pylist():
+                counts = {c: np.array(row[c], dtype=np.int32) for c in sensor.channels}
+                ticks = row["start"] + np.arange(len(counts[sensor.channels[0]])) / row["rate"]
+                yield Labelled(
+                    row["kind"],
+                    pd.DataFrame(counts, index=pd.Index(ticks, name="time")),
+                    tuple(zip(row["strike_time"], row["strike_speed"], strict=True)),
+                )
+
+    return setup, records()

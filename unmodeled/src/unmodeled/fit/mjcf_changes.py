@@ -1,0 +1,432 @@
+"""Numbers of a MuJoCo model that a fit changes, as fields of the compiled model."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from unmodeled.data import Array
+from unmodeled.errors import InvalidParameter
+
+__all__ = [
+    "BACKLASH",
+    "Property",
+    "add_backlash",
+    "controls",
+    "import_mujoco",
+    "name_actuators",
+    "properties",
+    "quiet",
+    "set_properties",
+]
+
+#: Share of the inertia of a joint that its backlash joint gets as armature; time constant of the
+#: limits of the clearance [s], at least two time steps.
+ARMATURE, CONTACT = 0.01, 4e-3
+#: End of the name of a backlash joint.
+BACKLASH = "_backlash"
+AXES = "xyz"
+
+
+def import_mujoco() -> Any:
+    """The package ``mujoco``."""
+    try:
+        import mujoco
+        import mujoco.rollout
+    except ImportError:
+        raise InvalidParameter(
+            "mujoco: the package mujoco is not installed; pip install mujoco"
+        ) from None
+    return mujoco
+
+
+def _silent(_text: str) -> None:
+    """Nothing is told: a run that fails is one that returns no numbers."""
+
+
+@contextmanager
+def quiet() -> Iterator[None]:
+    """A block whose warnings of MuJoCo are not printed, nor written into a file MUJOCO_LOG.TXT."""
+    mj = import_mujoco()
+    told, log = mj.get_mju_user_warning(), mj.MjLogConfig.get()
+    silent = mj.MjLogConfig.get()
+    silent.logto_console = silent.logto_file = False
+    mj.set_mju_user_warning(_silent)
+    mj.MjLogConfig.set(silent)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)
+            yield
+    finally:
+        mj.set_mju_user_warning(told)
+        mj.MjLogConfig.set(log)
+
+
+# -------------------------------------------------------------------------------------- properties
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of number of a joint, an actuator, a body, or gravity."""
+
+    units: tuple[str, str]
+    """By a slide and by a hinge; equal for others."""
+    set: Callable[[Any, str, float], None]
+    """Sets the number of a compiled model: (model, name of the owner, value)."""
+    mechanism: str = ""
+    inertial: bool = False
+    """Whether other fields of the model follow from it (``mj_setConst``)."""
+    signed: bool = False
+    moves: bool = False
+    """Whether it moves a center of mass away from its joint."""
+
+
+@dataclass(frozen=True)
+class Property:
+    """A number of a model."""
+
+    value: float
+    kind: Kind
+    unit: str
+    tested: bool
+    """Whether another value is an effect that is tested by default."""
+
+
+def _joint(field: str) -> Callable[[Any, str, float], None]:
+    def put(model: Any, name: str, value: float) -> None:
+        getattr(model, field)[model.joint(name).id] = value
+
+    return put
+
+
+def _dof(field: str) -> Callable[[Any, str, float], None]:
+    def put(model: Any, name: str, value: float) -> None:
+        getattr(model, field)[model.joint(name).dofadr[0]] = value
+
+    return put
+
+
+def _clearance(model: Any, name: str, value: float) -> None:
+    if value > 0.0:  # else there is no such joint
+        model.jnt_range[model.joint(name + BACKLASH).id] = -value, value
+
+
+def _offset(axis: int) -> Callable[[Any, str, float], None]:
+    def put(model: Any, name: str, value: float) -> None:
+        model.jnt_pos[model.joint(name).id, axis] = value
+
+    return put
+
+
+def _gain(model: Any, name: str, value: float) -> None:
+    """Gain; a servo of position or speed keeps its zero."""
+    i = model.actuator(name).id
+    gain, bias = model.actuator_gainprm[i], model.actuator_biasprm[i]
+    for k in (1, 2):
+        if gain[0] != 0.0 and bias[k] == -gain[0]:
+            bias[k] = -value
+    gain[0] = value
+
+
+def _damping_gain(model: Any, name: str, value: float) -> None:
+    model.actuator_biasprm[model.actuator(name).id, 2] = -value
+
+
+def _gear(model: Any, name: str, value: float) -> None:
+    model.actuator_gear[model.actuator(name).id, 0] = value
+
+
+def _force(model: Any, name: str, value: float) -> None:
+    model.actuator_forcerange[model.actuator(name).id] = -value, value
+
+
+def _mass(model: Any, name: str, value: float) -> None:
+    i = model.body(name).id
+    model.body_inertia[i] *= value / model.body_mass[i]
+    model.body_mass[i] = value
+
+
+def _center(axis: int) -> Callable[[Any, str, float], None]:
+    def put(model: Any, name: str, value: float) -> None:
+        i = model.body(name).id
+        model.body_ipos[i, axis] = value
+        model.body_sameframe[i] = 0
+
+    return put
+
+
+def _inertia(axis: int) -> Callable[[Any, str, float], None]:
+    def put(model: Any, name: str, value: float) -> None:
+        model.body_inertia[model.body(name).id, axis] = value
+
+    return put
+
+
+def _payload(model: Any, name: str, value: float) -> None:
+    model.body_mass[model.body(name).id] += value
+
+
+def _payload_at(model: Any, name: str, mass: float, place: Array) -> None:
+    """Add a point mass at a place in the frame of a body."""
+    mj, i = import_mujoco(), model.body(name).id
+    own, center = float(model.body_mass[i]), model.body_ipos[i].copy()
+    nine = np.empty(9)
+    mj.mju_quat2Mat(nine, model.body_iquat[i])
+    turn = nine.reshape(3, 3)
+    middle = (own * center + mass * place) / (own + mass)
+    tensor = turn @ np.diag(model.body_inertia[i]) @ turn.T
+    for m, d in ((own, center - middle), (mass, place - middle)):
+        tensor += m * (d @ d * np.eye(3) - np.outer(d, d))
+    size, turn = np.linalg.eigh(tensor)
+    if np.linalg.det(turn) < 0.0:
+        turn[:, 0] *= -1.0
+    mj.mju_mat2Quat(model.body_iquat[i], turn.reshape(9))
+    model.body_inertia[i], model.body_mass[i], model.body_ipos[i] = size, own + mass, middle
+    model.body_sameframe[i] = 0
+
+
+def _tilt(axis: int) -> Callable[[Any, str, float], None]:
+    def put(model: Any, _name: str, value: float) -> None:
+        mj, out, turn = import_mujoco(), np.empty(3), np.empty(4)
+        mj.mju_axisAngle2Quat(turn, np.eye(3)[axis], value)
+        mj.mju_rotVecQuat(out, model.opt.gravity, turn)
+        model.opt.gravity[:] = out
+
+    return put
+
+
+JOINT = {
+    "damping": Kind(("N s/m", "N m s/rad"), _dof("dof_damping"),
+                    "A force in proportion to the speed opposes the motion."),
+    "frictionloss": Kind(("N", "N m"), _dof("dof_frictionloss"),
+                         "A force of constant magnitude opposes the motion."),
+    "armature": Kind(("kg", "kg m^2"), _dof("dof_armature"),
+                     "The rotor has an inertia of its own.", inertial=True),
+    "stiffness": Kind(("N/m", "N m/rad"), _joint("jnt_stiffness"), "A spring acts on the joint."),
+    "backlash": Kind(("m", "rad"), _clearance, "The gear has a clearance of twice this size."),
+}  # fmt: skip
+OFFSETS = {
+    f"offset_{a}": Kind(("m", "m"), _offset(i), "The axis of the joint is at another place.",
+                        inertial=True, signed=True, moves=True)
+    for i, a in enumerate(AXES)
+}  # fmt: skip
+ACTUATOR = {
+    "gain": Kind(("1", "1"), _gain, "The actuator is weaker or stronger."),
+    "kp": Kind(("N/m", "N m/rad"), _gain, "The servo is softer or stiffer."),
+    "kv": Kind(("N s/m", "N m s/rad"), _damping_gain, "The servo has another damping."),
+    "gear": Kind(("1", "1"), _gear, "The gear has another ratio.", inertial=True, signed=True),
+    "force": Kind(("N", "N m"), _force, "The actuator has another largest force."),
+}
+BODY = {
+    "mass": Kind(("kg", "kg"), _mass, "The body is lighter or heavier.", inertial=True),
+    "payload": Kind(("kg", "kg"), _payload, "A mass is attached to the body.", inertial=True),
+    **{
+        f"center_{a}": Kind(("m", "m"), _center(i), "The center of mass is at another place.",
+                            inertial=True, signed=True, moves=True)
+        for i, a in enumerate(AXES)
+    },
+    **{
+        f"inertia_{a}": Kind(("kg m^2", "kg m^2"), _inertia(i), "The body has another inertia.",
+                             inertial=True)
+        for i, a in enumerate(AXES)
+    },
+    **{
+        f"payload_{a}": Kind(("m", "m"), _center(i), "The attached mass is at another place.",
+                             inertial=True, signed=True, moves=True)
+        for i, a in enumerate(AXES)
+    },
+}  # fmt: skip
+TILT = {
+    f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True)
+    for i, a in enumerate(AXES)
+}
+
+
+def properties(model: Any) -> dict[str, Property]:
+    """Numbers of a model by name, ``JOINT.damping``, with their values in the file.
+
+    Parameters
+    ----------
+    model
+        The compiled model.
+    """
+    out = {**_of_joints(model), **_of_actuators(model), **_of_bodies(model)}
+    gravity = np.abs(model.opt.gravity)
+    for name, kind in TILT.items():
+        if gravity[AXES.index(name[-1])] < gravity.max():
+            out[f"gravity.{name}"] = Property(0.0, kind, "rad", tested=True)
+    return out
+
+
+def _of_joints(model: Any) -> dict[str, Property]:
+    mj, found = import_mujoco(), {}
+    for i in range(model.njnt):
+        name, kind = model.joint(i).name, int(model.jnt_type[i])
+        hinge = kind == int(mj.mjtJoint.mjJNT_HINGE)
+        if not name or not (hinge or kind == int(mj.mjtJoint.mjJNT_SLIDE)):
+            continue
+        at = int(model.jnt_dofadr[i])
+        values = {
+            "damping": model.dof_damping[at],
+            "frictionloss": model.dof_frictionloss[at],
+            "armature": model.dof_armature[at],
+            "stiffness": model.jnt_stiffness[i],
+            "backlash": 0.0,
+        }
+        if i + 1 < model.njnt and model.jnt_bodyid[i + 1] == model.jnt_bodyid[i]:
+            del values["backlash"]  # its second joint would be behind the next one
+        for what, value in values.items():
+            row = JOINT[what]
+            found[f"{name}.{what}"] = Property(float(value), row, row.units[hinge], tested=True)
+        for k, (what, row) in enumerate(OFFSETS.items()):
+            value = float(model.jnt_pos[i, k])
+            found[f"{name}.{what}"] = Property(value, row, "m", tested=False)
+    return found
+
+
+def _of_actuators(model: Any) -> dict[str, Property]:
+    mj, found = import_mujoco(), {}
+    for i in range(model.nactuator):
+        name, gain, bias = (
+            model.actuator(i).name,
+            float(model.actuator_gainprm[i, 0]),
+            model.actuator_biasprm[i],
+        )
+        if not name:
+            continue
+        joint = int(model.actuator_trnid[i, 0])
+        on_joint = int(model.actuator_trntype[i]) == int(mj.mjtTrn.mjTRN_JOINT)
+        hinge = not on_joint or int(model.jnt_type[joint]) == int(mj.mjtJoint.mjJNT_HINGE)
+        servo = bool(model.actuator_biastype[i])
+        position, speed = (servo and gain != 0.0 and bias[k] == -gain for k in (1, 2))
+        values = {"kp" if position else "kv" if speed else "gain": gain}
+        if position:
+            values["kv"] = -float(bias[2])
+        values["gear"] = float(model.actuator_gear[i, 0])
+        low, high = model.actuator_forcerange[i]
+        if model.actuator_forcelimited[i] and low == -high:
+            values["force"] = float(high)
+        for what, value in values.items():
+            row = ACTUATOR["gain"] if speed and what == "kv" else ACTUATOR[what]
+            unit = ACTUATOR[what].units[hinge] if on_joint else "1"
+            found[f"{name}.{what}"] = Property(value, row, unit, tested=servo)
+    return found
+
+
+def _of_bodies(model: Any) -> dict[str, Property]:
+    found = {}
+    jointed = {int(b) for b in model.jnt_bodyid}
+    # Bodies with a joint that carry no other body with a joint: what a machine holds is there.
+    inner = {int(model.body_parentid[b]) for b in jointed}
+    for b in reversed(range(1, model.nbody)):
+        if b in inner:
+            inner.add(int(model.body_parentid[b]))
+    for i in range(1, model.nbody):
+        name, mass = model.body(i).name, float(model.body_mass[i])
+        if not name or not mass > 0.0:
+            continue
+        values = {"mass": mass, "payload": 0.0}
+        for what, three in (
+            ("center", model.body_ipos[i]),
+            ("inertia", model.body_inertia[i]),
+            ("payload", model.body_ipos[i]),
+        ):
+            values |= {f"{what}_{a}": float(v) for a, v in zip(AXES, three, strict=True)}
+        for what, value in values.items():
+            last = what == "payload" and i in jointed - inner
+            found[f"{name}.{what}"] = Property(value, BODY[what], BODY[what].units[0], tested=last)
+    return found
+
+
+def set_properties(model: Any, values: Mapping[str, float], known: Mapping[str, Property]) -> None:
+    """Set properties of a compiled model that differ from those of the file.
+
+    Parameters
+    ----------
+    model
+        Changed in place.
+    values
+        Values by name.
+    known
+        All properties of the file.
+    """
+    places: dict[str, Array] = {}
+    for name, value in values.items():
+        owner, _, what = name.rpartition(".")
+        if what.startswith("payload_"):
+            place = places.setdefault(owner, model.body_ipos[model.body(owner).id].copy())
+            place[AXES.index(what[-1])] = value
+    for name, value in values.items():
+        owner, _, what = name.rpartition(".")
+        if what == "payload" and owner in places:
+            _payload_at(model, owner, value, places[owner])
+        elif not what.startswith("payload_"):
+            known[name].kind.set(model, owner, value)
+
+
+# ------------------------------------------------------------------------- changes of a structure
+
+
+def add_backlash(spec: Any, model: Any, names: Sequence[str]) -> None:
+    """Add a second joint behind each of these joints, which moves freely within its range.
+
+    Parameters
+    ----------
+    spec
+        Specification that is changed; its keyframes move with the joints.
+    model
+        The compiled model without them.
+    names
+        Names of joints.
+    """
+    mj = import_mujoco()
+    joints = [model.joint(n) for n in names]
+    for i, key in enumerate(spec.keys if names else ()):
+        key.qpos = np.insert(model.key_qpos[i], [int(j.qposadr[0]) + 1 for j in joints], 0.0)
+        key.qvel = np.insert(model.key_qvel[i], [int(j.dofadr[0]) + 1 for j in joints], 0.0)
+    for name, compiled in zip(names, joints, strict=True):
+        joint = spec.joint(name)
+        extra = joint.parent.add_joint(
+            name=f"{name}{BACKLASH}",
+            type=joint.type,
+            axis=joint.axis,
+            pos=joint.pos,
+            limited=mj.mjtLimited.mjLIMITED_TRUE,
+            armature=float(f"{ARMATURE * float(model.dof_M0[compiled.dofadr[0]]):.3g}"),
+            # These would be the defaults of the joints of this file.
+            frictionloss=0.0,
+            ref=0.0,
+            springref=0.0,
+            margin=0.0,
+            springdamper=[0.0, 0.0],
+            actfrclimited=mj.mjtLimited.mjLIMITED_FALSE,
+        )
+        extra.damping = np.zeros(np.shape(joint.damping))
+        extra.stiffness = np.zeros(np.shape(joint.stiffness))
+        extra.solref_limit = [max(CONTACT, 2.0 * float(model.opt.timestep)), 1.0]
+        extra.range = [-1.0, 1.0]  # set in the compiled model
+
+
+def name_actuators(spec: Any) -> None:
+    """Name the actuators of a specification that have no name as their joints."""
+    mj = import_mujoco()
+    used = {a.name for a in spec.actuators}
+    for a in spec.actuators:
+        joint = a.trntype in (mj.mjtTrn.mjTRN_JOINT, mj.mjtTrn.mjTRN_JOINTINPARENT)
+        if not a.name and joint and a.target not in used:  # of two at one joint, the first one
+            a.name = a.target
+            used.add(a.name)
+
+
+def controls(model: Any) -> dict[str, int]:
+    """Actuators by name, as indices of their controls."""
+    return {
+        name: int(model.actuator_ctrladr[i])
+        for i in range(model.nactuator)
+        if (name := model.actuator(i).name)
+    }
