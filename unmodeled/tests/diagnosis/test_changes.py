@@ -32,6 +32,14 @@ def test_parallel_unknowns_are_equivalents():
     assert sorted(group) == [2, 5]
 
 
+def test_all_unknowns_may_have_changed():
+    columns = np.random.default_rng(1).normal(size=(60, 2))
+    found = smallest(*posterior(columns, np.array([1.0, -2.0])), range(2))
+    assert sorted(found) == [[0], [1]]
+    (only,) = smallest(*posterior(columns[:, :1], np.array([1.0])), range(1))
+    assert only == [0]
+
+
 def test_an_unknown_that_must_stay_is_no_answer():
     columns = np.random.default_rng(1).normal(size=(60, 6))
     assert smallest(*posterior(columns, 2.0 * np.eye(6)[2]), [0, 1, 3, 4, 5]) == []

@@ -208,7 +208,8 @@ def _item(c: Change) -> str:
     if c.tier == "supported":
         notes.append("whether it is the cause is not sure: another law could do the same")
     if c.tier == "named":
-        notes.append(f"{100.0 * c.probability:.0f} % sure")
+        sure = f"{100.0 * c.probability:.0f}"
+        notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
         where = " (held-out records)" if c.held_out else ""
         left = f"{percent(c.before)} of the motion of {c.channel}"
@@ -342,8 +343,7 @@ def _repair(c: Change) -> str:
     if c.user_unit is not None and c.user_unit.unit == "turn":
         back = clause(replace(c, size=-c.size, low=-c.high, high=-c.low))
         return f"On the machine, {back.partition(' (')[0]}, or keep the change in the model."
-    title = c.title[:1].upper() + c.title[1:]
-    return f"{title}: check it, and correct the machine or its tabulated value."
+    return f"{c.title}: check it, and correct the machine or its tabulated value."
 
 
 def _hardly_separated(result: Result) -> Iterator[tuple[str, str]]:

@@ -76,7 +76,7 @@ def smallest(x: Array, covariance: Array, free: Sequence[int]) -> list[list[int]
 
     found: list[int] = []
     enough = math.log(ODDS * max(len(free), 1))
-    while len(found) < min(MOST, len(free) - 1):
+    while len(found) < min(MOST, len(free)):
         scores = odds(found)
         if scores[best := best_of(scores)] < enough:
             break
