@@ -10,6 +10,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_record
+from unmodeled.search.changes import explain
 from unmodeled.search.evidence import Fitted, System, precision, prior_of, system
 from unmodeled.search.fit import empty_point
 from unmodeled.search.held_out import Predicted, compare, predict
@@ -116,6 +117,21 @@ def judge(
         Reason.NOT_PREDICTED: lost,
     }
     unknowns, correlation = _correlation(problem, best)
+    parameters = _parameters(problem, best)
+    own, fitted = (
+        (shown, searched.sets[best.causes])
+        if shown.held_out and best.causes in searched.sets
+        else (problem, best)
+    )
+    changes = explain(
+        own,
+        fitted,
+        _covariance(own, fitted),
+        searched.sets if own is shown else {s.causes: s for s in sets},
+        [[i] for i in told] + classes,
+        _parameters,
+        check,
+    )
     return Result(
         verdict=_verdict(told, classes, channels),
         reasons=tuple(reason for reason, holds in reasons.items() if holds),
@@ -125,7 +141,9 @@ def judge(
             tuple(_named(problem, _where(sets, i), sets, weight, i) for i in group)
             for group in classes
         ),
-        parameters=_parameters(problem, best),
+        parameters=parameters,
+        changed=changes.changed,
+        without=changes.without,
         sets=tuple(
             SetOfCauses(
                 tuple(problem.causes[i].name for i in s.causes),
@@ -152,7 +170,7 @@ def judge(
         ),
         unknowns=unknowns,
         correlation=correlation,
-        told=tuple(problem.causes[i].name for i in best.causes) if told or classes else (),
+        reported=tuple(problem.causes[i].name for i in best.causes) if told or classes else (),
         traces=_traces(problem, shown, alone, best, channels),
     )
 
@@ -364,6 +382,9 @@ def _named(
         changes=changes,
         mechanism="" if words is None else words.mechanism,
         remedy="" if words is None else words.remedy,
+        kind="parameter" if words is None else words.kind,
+        title="" if words is None else words.label,
+        user_unit=None if effect is not None or unit != p.unit else p.user_unit,
     )
 
 
@@ -399,6 +420,7 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
         by_record=tuple(scale * v for v in values),
         mechanism="The sensor has another zero in each record.",
         remedy="Zero the sensor before each record.",
+        kind="sensor",
     )
 
 
@@ -422,6 +444,7 @@ def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
                 float(max(theta[i] - half, p.lower)),
                 float(min(theta[i] + half, p.upper)),
                 p.relative,
+                p.user_unit,
             )
         )
     return tuple(out)
