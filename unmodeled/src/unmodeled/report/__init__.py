@@ -62,6 +62,7 @@ VERDICTS = {
     Verdict.CALIBRATED: "Calibrated",
     Verdict.NAMED: "Named",
     Verdict.ONE_OF: "One of several",
+    Verdict.SUPPORTED: "Supported",
     Verdict.UNKNOWN: "Unknown",
 }
 #: Largest multiple of the noise that counts as the noise, and multiple of its standard deviation
@@ -172,6 +173,7 @@ def _statement(result: Result) -> str:
         misses += f", and {calibrated} with fitted parameters"
     told = [f"{_name(n)} of {_interval(n)}" for n in result.named]
     told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
+    told += [f"{_name(n)} of {_interval(n)}" for n in result.supported]
     told += ["what is not named"] if _unnamed(result) else []
     takes = "takes" if len(told) == 1 else "take"
     other = "other " if result.off else ""
@@ -246,7 +248,7 @@ def _remains(result: Result) -> str:
 
 def _unnamed(result: Result) -> list[str]:
     """Causes that are a part of the fit, but are not told."""
-    told = {n.cause for g in (result.named, *result.classes) for n in g}
+    told = {n.cause for g in (result.named, *result.classes, result.supported) for n in g}
     return [name for name in result.told if name not in told]
 
 

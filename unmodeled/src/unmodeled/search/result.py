@@ -52,6 +52,9 @@ class Verdict(Enum):
     """One or more causes are named."""
     ONE_OF = "one of"
     """One of a class of causes is missing; the records do not tell which one."""
+    SUPPORTED = "supported"
+    """Causes predict records that were not fitted better for sure; whether they are the ones is not
+    sure."""
     UNKNOWN = "unknown"
     """A material residual remains, and no cause explains it."""
 
@@ -61,6 +64,7 @@ class Reason(Enum):
 
     NOISE_NOT_STATED = "no noise of the sensor is stated"
     DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
+    NOT_NEEDED = "a probable cause is not needed"
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     NOT_PREDICTED = "held-out records are not predicted"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
@@ -258,7 +262,7 @@ class Result:
     classes: tuple[tuple[Named, ...], ...]
     """Each class: one of its members is missing."""
     parameters: tuple[ParameterValue, ...]
-    """Fitted parameters, with the named causes."""
+    """Fitted parameters, with the told causes."""
     sets: tuple[SetOfCauses, ...]
     """Fitted sets, the most probable first."""
     held_out_gain: tuple[float, float, float] | None = None
@@ -272,6 +276,12 @@ class Result:
     """Number of causes that were to be tried."""
     refused: tuple[str, ...] = ()
     """Causes of the most probable set whose magnitude differs between records."""
+    supported: tuple[Named, ...] = ()
+    """Causes that are not named, each of which surely improves the prediction of held-out records,
+    together with the named ones."""
+    not_needed: tuple[str, ...] = ()
+    """Probable causes that are not named: their interval contains zero, they are at a limit, the
+    set without them was not fitted, or the held-out records refuse them."""
     complete: bool = True
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
@@ -303,7 +313,7 @@ class Result:
         """
         if self.verdict is Verdict.UNKNOWN:
             return ()
-        told = {n.changes for group in (self.named, *self.classes) for n in group}
+        told = {n.changes for group in (self.named, *self.classes, self.supported) for n in group}
         found = [p for p in self.parameters if p.moved and p.tolerances > OFF]
         return tuple(sorted((p for p in found if p.name not in told), key=lambda p: -p.tolerances))
 
