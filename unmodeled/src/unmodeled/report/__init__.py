@@ -59,6 +59,8 @@ REASONS = {
     "leaves, as far as neighboring samples do not share it.",
     Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
+    Reason.NOT_NEEDED: "A probable cause is not named{needless}: its interval contains zero, it is at a "
+    "limit, the set without it was not fitted, or the held-out records refuse it.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",
@@ -188,7 +190,10 @@ def _changes(result: Result) -> _Section:
     """The list of changes, with what a reader must know beside it."""
     which = f" ({joined(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
     which = f" ({joined(result.refused)})" if result.refused else which
-    lines = [REASONS[r].format(which=which) for r in result.reasons if r in REASONS]
+    needless = f" ({joined(result.not_needed)})" if result.not_needed else ""
+    lines = [
+        REASONS[r].format(which=which, needless=needless) for r in result.reasons if r in REASONS
+    ]
     if result.verdict is Verdict.UNKNOWN:
         lines.append("The fitted parameters (see details) may imitate what is not known.")
         if best := _probabilities(result)[:2]:

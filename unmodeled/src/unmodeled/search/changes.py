@@ -267,7 +267,7 @@ def _at(
     """
     local = []
     for o, mine, theirs in zip(records, own.local, whole.local, strict=True):
-        known = [q.weight >= 1e-4 for q in local_of(problem, fitted.members, o)]
+        known = [not q.unknown for q in local_of(problem, fitted.members, o)]
         local.append(np.where(known, theirs, mine) if mine.size == theirs.size else mine)
     ask = Ask(fitted.members, Point(own.x, tuple(local)), records, derivatives=False)
     return tuple(evaluate(problem, [ask])[0])

@@ -296,7 +296,7 @@ def _explained(problem: Problem, fitted: Fitted, rounds: int = 4) -> tuple[Fitte
             base.point.x + step,
             tuple(v + d for v, d in zip(base.point.local, local, strict=True)),
         )
-        now = Fitted(base.members, point, linears, noise_left(problem, linears, taken), 1.0)
+        now = Fitted(base.members, point, linears, noise_left(problem, linears, taken))
         noise = now.noise
     return now, taken
 

@@ -68,6 +68,7 @@ class Reason(Enum):
 
     NOISE_NOT_STATED = "no noise of the sensor is stated"
     DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
+    NOT_NEEDED = "a probable cause is not needed"
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     NOT_PREDICTED = "held-out records are not predicted"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
@@ -362,7 +363,7 @@ class Result:
     classes: tuple[tuple[Named, ...], ...]
     """Each class: one of its members is missing."""
     parameters: tuple[ParameterValue, ...]
-    """Fitted parameters, with the named causes."""
+    """Fitted parameters, with the told causes."""
     sets: tuple[SetOfCauses, ...]
     """Fitted sets, the most probable first."""
     held_out_gain: tuple[float, float, float] | None = None
@@ -379,6 +380,9 @@ class Result:
     supported: tuple[Named, ...] = ()
     """Causes that are not named, each of which surely improves the prediction of held-out records,
     together with the named ones."""
+    not_needed: tuple[str, ...] = ()
+    """Probable causes that are not named: their interval contains zero, they are at a limit, the
+    set without them was not fitted, or the held-out records refuse them."""
     complete: bool = True
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
