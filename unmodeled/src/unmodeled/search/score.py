@@ -271,10 +271,10 @@ def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
         for o, linear in zip(problem.fit, fitted.linears, strict=True):
             readings = o.measured[:, c] - linear.residual[:, c] * o.sd[:, c]
             pattern = {
-                "offset": np.ones_like,
-                "gain": lambda y: y,
-                "delay": lambda y, t=o.record.time: -np.gradient(y, t),
-            }[cause.local.kind](readings)
+                "offset": np.ones_like(readings),
+                "gain": readings,
+                "delay": -np.gradient(readings, o.record.time),
+            }[cause.local.kind]
             column = np.where(o.valid[:, c], cause.local.scale * pattern / o.sd[:, c], 0.0)
             column /= fitted.noise[c]
             slope = float(column @ linear.residual[:, c]) / fitted.noise[c]
