@@ -290,7 +290,7 @@ def test_an_interrupted_diagnosis_answers_with_what_is_done(spring, causes, stag
 
     def interrupt(progress):
         seen.append(progress.stage)
-        if progress.stage == stage and seen.count(stage) == 4:
+        if progress.stage == stage and seen.count(stage) == 6:
             raise reason
 
     result = diagnose(spring, causes, three(hardening=3000.0), progress=interrupt)

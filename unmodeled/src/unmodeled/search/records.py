@@ -48,8 +48,6 @@ __all__ = [
 WRONG_STATEMENT = 0.05
 #: Expected offset of a sensor in each record, as a share of the motion [1].
 OFFSET = 0.1
-#: Expected deviation of the gain of a sensor in each record [1].
-GAIN = 0.1
 #: Simulated time after the end of a record, which a fast clock shows, as a share of it [1].
 AFTER = 0.03
 
@@ -255,7 +253,6 @@ def _errors(
         late = (c,)
         for local in (
             Local("offset", c, 0.0, OFFSET * float(rms[c])),
-            Local("gain", c, 0.0, GAIN),
             Local("delay", c, 0.0, interval, channels=late),
         ):
             if (local.kind, c) not in stated:

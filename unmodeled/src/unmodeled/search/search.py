@@ -439,13 +439,12 @@ def _climb(
         return [f for f in without_one(found, origin, check) if f is not None]
 
     tell("search")
-    plain = _tabulated(problem, now, check)
     while len(now.members) < options.most:  # add
-        jobs = tried(now)
-        if not found.first:
-            found.first = scored(now)[0]
-            jobs += [] if plain is None else tried(plain)
+        jobs, first = tried(now), not found.first
+        found.first = found.first or scored(now)[0]
         fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
+        if first and (plain := _tabulated(problem, now, check)) is not None:
+            fits += [f for f in _refit(problem, found, tried(plain), check) if f is not None]
         if not fits:
             break
         best = best_of(problem, fits)

@@ -316,8 +316,7 @@ def _supported(
         return math.inf if own is None else compare(own, base, s.noise, s.effective)[0]
 
     starts = sorted((s for s in some if s.causes), key=left)[:SUPPORTED]
-    for s in starts:
-        now = s
+    for now in starts:
         while now.members and predicted.get(now.causes) is not None:
             smaller = without_one(searched, now, check)
             new = [f for f in smaller if f is not None and f.causes not in predicted]
