@@ -306,10 +306,10 @@ def _supported(
                 predicted[f.causes] = p
             worst: Fitted | None = None
             lowest = 0.0
-            for member, f in zip(now.members, smaller, strict=True):
-                need = _need(strict, now, member.cause, f, predicted)
-                if need < lowest:
-                    worst, lowest = f, need
+            for member, rest in zip(now.members, smaller, strict=True):
+                need = _need(strict, now, member.cause, rest, predicted)
+                if rest is not None and need < lowest:
+                    worst, lowest = rest, need
             if worst is None:
                 break
             now = worst
