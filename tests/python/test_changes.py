@@ -21,6 +21,7 @@ from unmodeled.fit import Coordinate
 
 PART = Coordinate(name="slide", position="q", speed="v", inertia="m")
 ROOT = Path(__file__).resolve().parents[2]
+DIAGNOSIS = "unmodeled/src"
 HOWTO = ROOT / "docs" / "howto"
 COMPILER = shutil.which("c++")
 
@@ -121,25 +122,26 @@ def test_an_output_is_one_row_and_compiles(tmp_path):
     check_syntax(tmp_path, text)
 
 
-def overlaid(tmp_path, page, *parts):
-    """The package with a page applied: parts of it copied, the rest as links."""
-    package = tmp_path / "python" / "feltmb"
+def overlaid(tmp_path, page, part, place="python/feltmb"):
+    """A package with a page applied: a part of it copied, the rest as links."""
+    package = tmp_path / place
     package.mkdir(parents=True)
-    for item in (ROOT / "python" / "feltmb").iterdir():
-        if item.name != "__pycache__" and item.name not in parts:
+    for item in (ROOT / place).iterdir():
+        if item.name not in ("__pycache__", part):
             (package / item.name).symlink_to(item)
-    copy_of(tmp_path, *(f"python/feltmb/{part}" for part in parts))
+    copy_of(tmp_path, f"{place}/{part}")
     extension = next(Path(_core.__file__).parent.glob("_core.*.so"))
-    if not (package / extension.name).exists():
+    if place == "python/feltmb" and not (package / extension.name).exists():
         (package / extension.name).symlink_to(extension)
     return apply(page, tmp_path)
 
 
 def run_in(tmp_path, script):
+    places = [tmp_path / "python", tmp_path / DIAGNOSIS, os.environ.get("PYTHONPATH", "")]
     done = subprocess.run(
         [sys.executable, "-c", script],
         cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(tmp_path / "python")},
+        env={**os.environ, "PYTHONPATH": ":".join(map(str, places))},
         capture_output=True,
         text=True,
         check=False,
@@ -164,8 +166,8 @@ def test_a_command_is_one_file_and_one_line(tmp_path):
 
 
 def test_a_generic_effect_is_one_file(tmp_path):
-    touched = overlaid(tmp_path, "add_an_effect.md", "gap")
-    assert touched == ["python/feltmb/gap/library/magnets.py"]
+    touched = overlaid(tmp_path, "add_an_effect.md", "library", f"{DIAGNOSIS}/unmodeled")
+    assert touched == [f"{DIAGNOSIS}/unmodeled/library/magnets.py"]
     said = run_in(
         tmp_path,
         "from unmodeled.fit import Coordinate\n"
@@ -202,7 +204,7 @@ with open(made, "w") as file:
 RUN_PROGRAM = """
 import sys
 import numpy as np
-from unmodeled.fit.program import program
+from unmodeled.fit.command import program
 from unmodeled import Record
 
 model = program(
@@ -235,8 +237,8 @@ print(found.cause, found.low, found.high)
 
 def test_an_adapter_for_another_simulator_is_one_file(tmp_path):
     """A program that is started anew for each run; its withheld dry friction is found."""
-    touched = overlaid(tmp_path, "add_a_simulator.md", "fit")
-    assert touched == ["python/feltmb/fit/program.py"]
+    touched = overlaid(tmp_path, "add_a_simulator.md", "fit", f"{DIAGNOSIS}/unmodeled")
+    assert touched == [f"{DIAGNOSIS}/unmodeled/fit/command.py"]
     (tmp_path / "cart.py").write_text(PROGRAM, encoding="utf-8")
     cause, low, high = run_in(tmp_path, RUN_PROGRAM).split()
     assert cause == "dry_friction"

@@ -5,7 +5,7 @@ SI units; compression, pressure and contact force are positive in compression. S
 """
 
 from feltmb.felt.auditing import Audit, Cycle, Finding, audit, audit_targets
-from feltmb.felt.bulk import bulk
+from feltmb.felt.densities import bulk
 from feltmb.felt.envelopes import (
     CircleOnLayer,
     ConstantArea,

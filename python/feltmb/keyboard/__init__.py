@@ -4,7 +4,7 @@ from feltmb.keyboard.balance import Balance, analyze
 from feltmb.keyboard.keys import Keyboard, note_name, read_keyboard
 from feltmb.keyboard.midi import play, read_midi, write_midi
 from feltmb.keyboard.note import action_of_key
-from feltmb.keyboard.score import load_algorithm, score
+from feltmb.keyboard.scoring import load_algorithm, score
 from feltmb.keyboard.sensor import Sensor, load_sensor
 from feltmb.keyboard.strokes import labelled_strokes, read_set, sensed, write_set
 from feltmb.keyboard.velocity import VelocityCurve

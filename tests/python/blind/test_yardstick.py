@@ -135,8 +135,8 @@ def test_files_and_paired_table(tmp_path):
 def test_sets_are_frozen():
     counts = {n: s.count for n, s in SETS.items()}
     assert counts == {
-        "imperfect": 120, "perfect": 24, "small": 300, "action": 60, "measured": 4, "trials": 9,
-        "stories": 13,
+        "imperfect": 120, "perfect": 24, "small": 300, "action": 60, "measured": 8, "trials": 9,
+        "signals": 14, "stories": 13,
     }  # fmt: skip
     assert len(SETS["imperfect"].third()) == 40
     # 36 controls with up to 1 %, 12 with 3 %, 72 with an effect.
@@ -254,7 +254,7 @@ def test_result_of_the_engine_as_an_answer(monkeypatch):
         parameters=(fitted,), held_out_gain=(0.4, 0.3, 0.5),
     )  # fmt: skip
     engine = SimpleNamespace(Options=lambda seconds: seconds, diagnose=lambda *_, **__: result)
-    monkeypatch.setattr(blind.yardstick, "gap", engine)
+    monkeypatch.setattr(blind.yardstick, "unmodeled", engine)
     answer = blind.yardstick.diagnosed(None, (), (), 120.0)
     assert (answer.verdict, answer.named, answer.classes) == (
         "NAMED",

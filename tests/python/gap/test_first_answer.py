@@ -438,7 +438,7 @@ def test_a_file_for_mujoco_has_properties(tmp_path):
     [
         (lambda t, x, u, p: (x.v,), "rates returned 1 values, expected one for each state: x, v"),
         (lambda t, x, u, p: (x.v, u.motor / p.m, 0.0), "rates returned 3 values"),
-        (lambda t, x, u, p: {"x": x.v, "v": u.motor}, "its rates function raises ValueError"),
+        (lambda t, x, u, p: {"x": x.v, "v": u.motor}, "the rate of x is 'x', expected a number"),
         (lambda t, x, u, p: None, "its rates function raises TypeError"),
     ],
 )

@@ -27,7 +27,7 @@ from feltmb.keyboard import (
 from feltmb.keyboard.algorithms import largest_derivative, model_based
 from feltmb.keyboard.gestures import Inversion, Press, gesture, random_gestures, run_all, truth_of
 from feltmb.keyboard.midi import MidiNote
-from feltmb.keyboard.score import LEVELS, level_of
+from feltmb.keyboard.scoring import LEVELS, level_of
 from feltmb.keyboard.strokes import Labelled
 from unmodeled.errors import Error
 

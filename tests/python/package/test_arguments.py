@@ -1059,33 +1059,33 @@ CALLS = {
     "unmodeled.Record": lambda: {
         name: getattr(record(), name) for name in inspect.signature(unmodeled.Record).parameters
     },
-    "feltmb.Record.cut": lambda: (
+    "unmodeled.Record.cut": lambda: (
         record(),
         {"first": 0, "last": 100, "name": "part", "role": "fit"},
     ),
-    "feltmb.Record.stretched": lambda: (record(), {"factor": 60.0}),
-    "feltmb.Record.output_array": lambda: (record(), {"names": ["q"]}),
-    "feltmb.Record.part_of": lambda: (record(), {"name": "one"}),
-    "feltmb.Record.with_changed_inputs": lambda: (
+    "unmodeled.Record.stretched": lambda: (record(), {"factor": 60.0}),
+    "unmodeled.Record.output_array": lambda: (record(), {"names": ["q"]}),
+    "unmodeled.Record.part_of": lambda: (record(), {"name": "one"}),
+    "unmodeled.Record.with_changed_inputs": lambda: (
         record(),
         {"change": lambda whole: {"f": 2.0 * whole.inputs["f"]}},
     ),
-    "feltmb.Record.from_frame": lambda: (
+    "unmodeled.Record.from_frame": lambda: (
         unmodeled.Record,
         {"frame": table(), "inputs": ["f"], "outputs": ["q"], "sigma": {"q": 0.1}, "name": "a"},
     ),
-    "feltmb.Record.continued": lambda: (record(), {"share": 0.1}),
-    "feltmb.Record.with_noise": lambda: (record(), {"sigma": {"q": 0.1}}),
-    "feltmb.Record.with_columns_as_inputs": lambda: (
+    "unmodeled.Record.continued": lambda: (record(), {"share": 0.1}),
+    "unmodeled.Record.with_noise": lambda: (record(), {"sigma": {"q": 0.1}}),
+    "unmodeled.Record.with_columns_as_inputs": lambda: (
         dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
         {"columns": {"w": "w"}, "mode": None},
     ),
-    "feltmb.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
-    "feltmb.Record.with_output_as_input": lambda: (
+    "unmodeled.Record.with_inputs": lambda: (record(), {"inputs": {"f": np.zeros(200)}}),
+    "unmodeled.Record.with_output_as_input": lambda: (
         dataclasses.replace(record(), outputs={"q": np.zeros(200), "w": np.ones(200)}),
         {"output": "w", "name": "w"},
     ),
-    "feltmb.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
+    "unmodeled.Record.with_sensed_input": lambda: (record(), {"name": "f", "gain": 1.1}),
     "unmodeled.Report.write": lambda: (report(), {"folder": "report", "force": True}),
     "unmodeled.Report.plot": lambda: (report(), {"kind": "residual"}),
     "unmodeled.Report.text": lambda: (report(), {"width": 90}),
@@ -1443,7 +1443,10 @@ def _of_class(full, cls):
             continue
         if name in ("diagnose", "fit"):  # unmodeled.diagnose and unmodeled.fit_model of every model
             continue
-        if method.__module__.startswith("feltmb") and len(inspect.signature(method).parameters) > 1:
+        if (
+            method.__module__.startswith(("feltmb", "unmodeled"))
+            and len(inspect.signature(method).parameters) > 1
+        ):
             yield f"{full}.{name}"
 
 

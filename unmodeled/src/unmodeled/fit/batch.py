@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from unmodeled.data import Array, Record
-from unmodeled.errors import Error, InvalidParameter
+from unmodeled.errors import Error, InvalidParameter, shown
 from unmodeled.fit.calling import calling
 from unmodeled.fit.coordinates import Named, Rate
 from unmodeled.fit.model import (
@@ -454,6 +454,8 @@ class _Plain:
                 fault = "is complex, expected a real number"
             elif np.shape(value) not in ((), (1,), (count,)):
                 fault = f"has shape {np.shape(value)}, expected a number or one value a job"
+            elif np.asarray(value).dtype.kind not in "biuf":
+                fault = f"is {shown(value)}, expected a number"
             else:
                 row[:] = value
                 continue
