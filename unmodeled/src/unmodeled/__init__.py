@@ -15,8 +15,9 @@ Models
 Records
     read (CSV, MAT, HDF5, NetCDF, Parquet, Feather, MCAP), records_from_frame, Record, Sensor
 Diagnosis
-    diagnose, fit_model, check (before any fit), candidates, Options, Report, Verdict; withhold: a
-    test of the diagnosis on simulated machines; read_measured, with_measured: tests of single parts
+    diagnose, fit_model, check (before any fit), candidates, Options, Report, Verdict; verify: it
+    repeats the diagnosis of a folder that report.write wrote; withhold: a test of the diagnosis on
+    simulated machines; read_measured, with_measured: tests of single parts
 Packages
     data: records and files; fit: models and priors; library: effects; search: the engine; report;
     experiment: which record next
@@ -57,6 +58,7 @@ if TYPE_CHECKING:
     from unmodeled.library.defaults import candidates
     from unmodeled.loading import load_model
     from unmodeled.report import Explained, Report, explained_model
+    from unmodeled.report.case import Verification, verify
     from unmodeled.search.compare import Comparison, check
     from unmodeled.search.options import Options
     from unmodeled.search.progress import Progress, Stop
@@ -93,6 +95,7 @@ __all__ = [
     "State",
     "Stop",
     "Verdict",
+    "Verification",
     "Withheld",
     "__version__",
     "candidates",
@@ -107,6 +110,7 @@ __all__ = [
     "read",
     "read_measured",
     "records_from_frame",
+    "verify",
     "with_measured",
     "withhold",
 ]
@@ -123,6 +127,7 @@ _LAZY = {
     "unmodeled.library.defaults": "candidates",
     "unmodeled.loading": "load_model",
     "unmodeled.report": "Explained Report explained_model",
+    "unmodeled.report.case": "Verification verify",
     "unmodeled.search.compare": "Comparison check",
     "unmodeled.search.options": "Options",
     "unmodeled.search.progress": "Progress Stop",
