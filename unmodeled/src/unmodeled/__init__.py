@@ -58,11 +58,11 @@ if TYPE_CHECKING:
     from unmodeled.library.defaults import candidates
     from unmodeled.loading import load_model
     from unmodeled.report import Explained, Report, explained_model
-    from unmodeled.report.case import Verification, verify
     from unmodeled.search.compare import Comparison, check
     from unmodeled.search.options import Options
     from unmodeled.search.progress import Progress, Stop
     from unmodeled.search.result import Verdict
+    from unmodeled.verification import Verification, verify
 
     __version__: str
 
@@ -127,11 +127,11 @@ _LAZY = {
     "unmodeled.library.defaults": "candidates",
     "unmodeled.loading": "load_model",
     "unmodeled.report": "Explained Report explained_model",
-    "unmodeled.report.case": "Verification verify",
     "unmodeled.search.compare": "Comparison check",
     "unmodeled.search.options": "Options",
     "unmodeled.search.progress": "Progress Stop",
     "unmodeled.search.result": "Verdict",
+    "unmodeled.verification": "Verification verify",
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}
 _PACKAGES = ("data", "experiment", "fit", "library", "report", "search", "units")

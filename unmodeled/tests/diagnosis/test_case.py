@@ -211,6 +211,7 @@ def test_a_folder_that_is_no_case_is_told(rig, tmp_path, change, said):
         unmodeled.verify(tmp_path / "case")
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # petab, with a later pandas
 def test_petab_select_reads_the_sets_of_causes(rig, tmp_path):
     petab_select = pytest.importorskip("petab_select", reason="reads the files of PEtab Select")
     model = Simulator(rig.line, parameters=PRIOR, unknown=UNKNOWN)
