@@ -220,7 +220,7 @@ def test_petab_select_reads_the_sets_of_causes(rig, tmp_path):
     at = tmp_path / "case" / "petab"
     problem = petab_select.Problem.from_yaml(at / "problem.yaml")
     shaped = problem.metaparameters["dead_zone_of_input_force"]
-    assert shaped == ["dead_zone_of_input_force_magnitude", "dead_zone_of_input_force_level_N"]
+    assert shaped == ["dead_zone_of_input_force_magnitude", "dead_zone_of_input_force_level"]
     models = petab_select.Models.from_yaml(at / "models.yaml")
     assert len(models) == len(report.sets)
     best = petab_select.analyze.get_best(models, criterion=problem.criterion)
