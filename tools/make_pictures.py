@@ -11,6 +11,8 @@ of bench (bench/README.md). The page of the viewer needs Chromium.
 from __future__ import annotations
 
 import argparse
+import contextlib
+import io
 import sys
 import tempfile
 from collections.abc import Callable
@@ -19,9 +21,9 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from docs_pages import screenshot, small_png
+from docs_pages import ROOT, blocks, screenshot, small_png
 
-FOLDER = Path(__file__).resolve().parents[1] / "docs" / "img"
+FOLDER = ROOT / "docs" / "img"
 
 
 def forte_overview() -> Any:
@@ -151,6 +153,16 @@ def actuator_input() -> Any:
     return Study("input").run().figure("timing")
 
 
+def cart_answer() -> Any:
+    """The answer of the first example of unmodeled/README.md."""
+    block = next(b for b in blocks(ROOT / "unmodeled" / "README.md") if b.kind == "python")
+    scope: dict[str, Any] = {}
+    data = ROOT / "unmodeled" / "examples" / "data"
+    with contextlib.chdir(data), contextlib.redirect_stdout(io.StringIO()):
+        exec("\n".join(block.text), scope)
+    return scope["report"].plot()
+
+
 def view_two() -> str:
     """Page of two strokes in the browser, at the impact of the loud one."""
     import feltmb
@@ -171,6 +183,7 @@ PICTURES: dict[str, Callable[[], Any]] = {
         felt_audit_hammer,
         actuator_dampers,
         actuator_input,
+        cart_answer,
         view_two,
     )
 }

@@ -302,7 +302,7 @@ PYTHON
 fingerprint() {  # of all that decides what the installed package is
   {
     find pyproject.toml CMakeLists.txt README.md LICENSE cpp python unmodeled/pyproject.toml \
-      unmodeled/README.md unmodeled/LICENSE unmodeled/src -name __pycache__ -prune -o -type f -print0 |
+      unmodeled/setup.py unmodeled/README.md unmodeled/LICENSE unmodeled/src -name __pycache__ -prune -o -type f -print0 |
       LC_ALL=C sort -z | xargs -0 sha256sum
     # shellcheck disable=SC2086
     "$vpy" -VV && $CXX --version

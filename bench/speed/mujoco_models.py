@@ -5,8 +5,9 @@
     python bench/speed/mujoco_models.py arm7 --package OTHER/python       # and that of another tree
 
 Each case runs in processes of its own, in turn. The models are made here: a reacher of two links
-(two records, six causes) and an arm with seven position servos and meshes whose fourth joint has 4
-instead of 1 N m of friction, among all default candidates.
+(two records, six causes), an arm with seven position servos and meshes whose fourth joint has 4
+instead of 1 N m of friction, and a quadruped on a floor with 1.2 instead of 0.3 N m in a knee, both
+among all default candidates.
 """
 
 import argparse
@@ -94,8 +95,11 @@ def write_ball(path: Path, rings: int = 60, around: int = 100) -> None:
     path.write_text("\n".join(lines) + "\n")
 
 
-def measured(path, change, controls, outputs, step, every, noise, start=None):
-    """Records by MuJoCo alone, of a model whose compiled fields ``change`` sets."""
+def measured(path, change, controls, outputs, step, every, noise, start=None, skip=0):
+    """Records by MuJoCo alone, of a model whose compiled fields ``change`` sets.
+
+    ``skip``: positions of a free base, which are not measured.
+    """
     import mujoco
 
     from unmodeled import Record, Sensor
@@ -107,9 +111,9 @@ def measured(path, change, controls, outputs, step, every, noise, start=None):
         data = mujoco.MjData(model)
         if start is not None:
             mujoco.mj_resetDataKeyframe(model, data, start)
-        seen = np.empty((len(control), model.nq))
+        seen = np.empty((len(control), model.nq - skip))
         for row, values in zip(seen, control, strict=True):
-            row[:] = data.qpos
+            row[:] = data.qpos[skip:]
             data.ctrl[:] = values
             mujoco.mj_step(model, data, every)
         seen += noise * np.random.default_rng(seed).standard_normal(seen.shape)
@@ -165,7 +169,56 @@ def arm7(folder):
     return unmodeled.mujoco(path, key="home"), records, None
 
 
-CASES = {"reacher": reacher, "arm7": arm7}
+LEG = """<body name="{n}hip" pos="{x} {y} 0"><joint name="{n}abduct" axis="1 0 0" class="j"/>
+  <geom type="capsule" size=".03" fromto="0 0 0 0 {w} 0" mass=".6"/>
+  <body name="{n}thigh" pos="0 {w} 0"><joint name="{n}swing" axis="0 1 0" class="j"/>
+    <geom type="capsule" size=".02" fromto="0 0 0 0 0 -.2" mass=".9"/>
+    <body name="{n}calf" pos="0 0 -.2"><joint name="{n}knee" axis="0 1 0" class="j"/>
+      <geom type="capsule" size=".015" fromto="0 0 0 0 0 -.2" mass=".2"/>
+      <geom name="{n}foot" class="foot" pos="0 0 -.2"/></body></body></body>"""
+
+
+def quadruped_text() -> str:
+    """A quadruped with a free base and twelve position servos, which stands on a floor."""
+    legs = {
+        f"{a}{b}_": LEG.format(n=f"{a}{b}_", x=x, y=y, w=w)
+        for a, x in (("f", 0.2), ("r", -0.2))
+        for b, y, w in (("l", 0.05, 0.08), ("r", -0.05, -0.08))
+    }
+    joints = [f"{n}{j}" for n in legs for j in ("abduct", "swing", "knee")]
+    drives = "".join(
+        f'<position name="{j}_set" joint="{j}" kp="60" kv="2" forcerange="-30 30"/>' for j in joints
+    )
+    pose = " ".join(["0 0.7 -1.4"] * 4)
+    return f"""<mujoco model="quadruped"><option timestep="0.002" integrator="implicitfast"/>
+      <default><geom contype="0" conaffinity="0"/>
+        <default class="j"><joint damping="0.5" frictionloss="0.3" armature="0.01"/></default>
+        <default class="foot"><geom size=".022" conaffinity="1" friction="0.8"/></default></default>
+      <worldbody><geom type="plane" size="5 5 .1" contype="1" conaffinity="0"/>
+        <body name="trunk" pos="0 0 .325"><freejoint/>
+          <geom type="box" size=".2 .06 .05" mass="6"/>{"".join(legs.values())}</body></worldbody>
+      <actuator>{drives}</actuator>
+      <keyframe><key name="home" qpos="0 0 .325 1 0 0 0 {pose}" ctrl="{pose}"/></keyframe>
+      </mujoco>"""
+
+
+def quadruped(folder):
+
+    def change(model):
+        model.joint("fl_knee").frictionloss[0] = 1.2
+
+    path = folder / "quadruped.xml"
+    path.write_text(quadruped_text())
+    pose = np.tile((0.0, 0.7, -1.4), 4)
+    controls = [pose + waves(k, 200, 0.01, 12, 0.08, (2.0, 8.0)) for k in (1, 2, 3)]
+    model = unmodeled.mujoco(path, key="home")
+    legs = ("fl_", "fr_", "rl_", "rr_")
+    joints = [f"{n}{j}" for n in legs for j in ("abduct", "swing", "knee")]
+    records = measured(path, change, controls, joints, 0.002, 5, 2e-4, start=0, skip=7)
+    return model, records, None
+
+
+CASES = {"reacher": reacher, "arm7": arm7, "quadruped": quadruped}
 
 
 def run(case: str, seconds: float, full: bool) -> None:

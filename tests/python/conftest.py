@@ -39,6 +39,28 @@ def pytest_configure(config):
     few = config.getoption("markexpr") == "not slow"
     settings.register_profile("feltmb", max_examples=25 if few else 200, deadline=None)
     settings.load_profile("feltmb")
+    if not hasattr(config, "workerinput"):  # not again in each process of pytest-xdist
+        _compile_extension()
+
+
+def _compile_extension():
+    """Compile the integrator of equations if it is missing or old, and there is a compiler."""
+    import warnings
+
+    from unmodeled.errors import InvalidParameter
+    from unmodeled.fit import compile, compiled
+
+    if os.environ.get(compiled.OFF):
+        return
+    made = compiled.SOURCE.with_name(compiled.NAME)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of an old one
+        old = compiled.library() is None
+    if old or made.stat().st_mtime < compiled.SOURCE.stat().st_mtime:
+        try:
+            compile.build()
+        except (InvalidParameter, OSError) as error:
+            print(f"the integrator of equations runs in NumPy: {error}")
 
 
 @pytest.fixture(scope="session")

@@ -31,8 +31,10 @@ GRAM = 9.80665e-3  # N, weight of one gram
 PAPER = (8.27, 11.69)  # inches, A4
 LARGEST_PHOTO = 50_000_000  # bytes
 FORMAT = "unmodeled diagnosis"
-#: Change of a weight that is told [g].
+#: Change of a weight that is reported [g].
 FELT = 0.5
+#: Kinds of changes that are those of the instrument.
+PARTS = ("force", "kinematic", "state", "parameter", "drift")
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,16 +242,18 @@ def _image(path: Path) -> Any:
 
 @dataclass(frozen=True)
 class _Cause:
-    """A told cause, with what the library says about it."""
+    """A change of the list, with what the library says about it."""
 
     entry: Entry | None
     component: str
     mechanism: str
     remedy: str
     unit: str
-    magnitude: float
-    tabulated: float
+    size_si: float
+    turns: tuple[float, str, str] | None
+    """Turns of a screw, their direction, and the way back."""
     shape: float | None
+    parameter: bool
 
     @cached_property
     def plain(self) -> str:
@@ -262,59 +266,65 @@ class _Cause:
         return text[:1].upper() + text[1:]
 
     @cached_property
+    def work(self) -> str:
+        """What to do about it."""
+        if self.turns is not None:
+            return f"Turn the {self.component} by {self.turns[0]:.2g} turns {self.turns[2]}."
+        return self.remedy or f"Check the {self.component}."
+
+    @cached_property
     def size(self) -> str:
-        """Magnitude for people: mm, g, or a share of the number that it changes."""
+        """Size for people: mm and turns, g, or a share of the number that it changes."""
         if self.unit == "1":
-            return f"{100.0 * (self.magnitude - self.tabulated):+.3g}\N{NO-BREAK SPACE}%"
-        factor, unit = readable_unit(self.magnitude, self.unit)
+            return f"{100.0 * self.size_si:+.3g}\N{NO-BREAK SPACE}%"
+        factor, unit = readable_unit(self.size_si, self.unit)
         if self.unit == "m":
             factor, unit = 1e3, "mm"
-        text = f"{factor * (self.magnitude - self.tabulated):.3g} {unit}"
+        text = f"{factor * self.size_si:.3g} {unit}"
+        if self.turns is not None:
+            text += f", {self.turns[0]:.2g} turns {self.turns[1]}"
         return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> tuple[list[_Cause], bool]:
-    """Told causes, and whether they are only candidates."""
-    classes = [row for group in data["classes"] for row in group]
-    tabulated = {p["name"]: p["tabulated"] for p in data["parameters"]}
-    off = (p for p in data["parameters"] if p["name"] in data.get("off", ()))
-    named = [*data["named"], *map(_off, off)] if data["named"] or not classes else []
-    out = []
-    for row in named or classes:
-        entry = library.get(row["cause"])
-        shape = row.get("shape")
-        out.append(
-            _Cause(
-                entry,
-                str(row["component"] or (entry.component if entry else row["cause"])),
-                str(row["mechanism"] or (entry.mechanism if entry else "")),
-                str(row["remedy"] or (entry.remedy if entry else "")),
-                str(row["unit"]),
-                float(row["magnitude"]),
-                float(tabulated.get(row["cause"], 0.0)) if row["parameter"] else 0.0,
-                float(shape) if isinstance(shape, (int, float)) else None,
-            )
-        )
-    return out, not named
+def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> list[list[_Cause]]:
+    """The list of changes; several in one place: one of them."""
+    return [
+        [_cause(row, library) for row in (change, *change.get("equivalents", ()))]
+        for change in data["changes"]
+    ]
 
 
-def _off(parameter: Mapping[str, Any]) -> dict[str, Any]:
-    """A parameter far outside its tolerance as a told cause."""
-    told = {"cause": parameter["name"], "magnitude": parameter["value"], "parameter": True}
-    return {**parameter, **told, "component": "", "mechanism": "", "remedy": ""}
+def _cause(row: Mapping[str, Any], library: Mapping[str, Entry]) -> _Cause:
+    entry, turns, shape = library.get(row["name"]), None, row.get("shape")
+    off = f"{row['title']} is off" if row["tier"] == "fitted" else ""
+    if (unit := row.get("user_unit")) is not None and unit["unit"] == "turn":
+        turned = unit["per_unit"] * row["size"]
+        down = turned < 0.0
+        turns = abs(turned), unit["words"][down], unit["words"][not down]
+    return _Cause(
+        entry,
+        str(row["component"] or (entry.component if entry else row["name"])),
+        str(off or row["mechanism"] or (entry.mechanism if entry else "")),
+        str(row["remedy"] or (entry.remedy if entry else "")),
+        str(row["unit"]),
+        float(row["size"]),
+        turns,
+        float(shape) if isinstance(shape, (int, float)) else None,
+        row["tier"] == "fitted",
+    )
 
 
 def _read(path: Path) -> Mapping[str, Any]:
     file = path / "report.json" if is_folder(path) else path
     data = read_json(file)
-    needed = ("named", "classes", "parameters", "verdict")
+    needed = ("changes", "parameters", "verdict")
     if (
         not isinstance(data, dict)
         or data.get("format") != FORMAT
         or not all(k in data for k in needed)
     ):
         raise InvalidParameter(
-            f"{file}: is no result of a diagnosis; expected the report.json of "
+            f"{file}: is no result of a diagnosis of this version; expected the report.json of "
             "feltmb gap diagnose --out DIRECTORY"
         )
     return data
@@ -373,29 +383,31 @@ def customer_page(
         _image(photo)
     library = load_library(base)
     entries = {e.name: e for e in (*library.tolerances, *library.effects)}
-    causes, candidates = _causes(data, entries)
+    groups = _causes(data, entries)
+    causes = [c for group in groups for c in group]
     strange = [c.component for c in causes if c.entry is None]
     if strange:
         raise InvalidParameter(
             f"mechanism {base.name!r} has no {', '.join(strange)}: the result is that of another "
             "mechanism; give the one that was diagnosed"
         )
-    named = {c.entry.name for c in causes if c.entry}
-    if not candidates:  # a late camera is no fault of the instrument
-        causes = [c for c in causes if c.entry and c.entry.kind not in ("sensor", "input")]
+    # A late camera is no fault of the instrument.
+    groups = [g for g in groups if any(c.entry and c.entry.kind in PARTS for c in g)]
+    causes = [c for group in groups for c in group]
     fitted = [
         (entries[p["name"]], float(p["value"]) - float(p["tabulated"]), None)
         for p in data["parameters"]
-        if p["name"] in entries and p["name"] not in named
+        if p["name"] in entries and not any(c.parameter for c in causes)
     ]
-    healthy = action_with_effects(base, fitted)
-    told = causes[:1] if candidates else causes  # one of a class
-    changes = [(c.entry, c.magnitude - c.tabulated, c.shape) for c in told if c.entry]
+    listed = {c.entry.name for c in causes if c.entry}
+    healthy = action_with_effects(base, [f for f in fitted if f[0].name not in listed])
+    first = [next(c for c in g if c.entry and c.entry.kind in PARTS) for g in groups]
+    changes = [(c.entry, c.size_si, c.shape) for c in first if c.entry]
     faulty = action_with_effects(healthy, changes)
     if after is not None:
         healthy = load_action(after) if isinstance(after, str) else after
     bodies, points = _guilty(base, causes)
-    remedies = tuple(dict.fromkeys(c.remedy or f"Check the {c.component}." for c in causes))
+    remedies = tuple(dict.fromkeys(c.work for c in causes))
     if not causes:
         remedies = (_UNCLEAR if data["verdict"] == "UNKNOWN" else _NOTHING,)
     return CustomerPage(
@@ -405,7 +417,7 @@ def customer_page(
         after=healthy,
         bodies=bodies,
         points=points,
-        found=_found(causes, candidates, data["verdict"]),
+        found=_found(groups, data["verdict"]),
         work=tuple(done) or remedies,
         done=bool(done),
         photo=photo,
@@ -428,22 +440,25 @@ def finding(data: Mapping[str, Any], library: Library | None) -> str:
         Library of the mechanism, for its words.
     """
     entries = (*library.tolerances, *library.effects) if library else ()
-    causes, candidates = _causes(data, {e.name: e for e in entries})
-    return _found(causes, candidates, data["verdict"])
+    causes = _causes(data, {e.name: e for e in entries})
+    return _found(causes, data["verdict"])
 
 
-def _found(causes: Sequence[_Cause], candidates: bool, verdict: str) -> str:
-    if not causes:
+def _found(groups: Sequence[Sequence[_Cause]], verdict: str) -> str:
+    if not groups:
         if verdict == "UNKNOWN":
             return (
                 "The motion differs from that of a sound action, and no single cause explains it."
             )
         return "The action moves as a sound action does."
-    texts = [f"{c.plain.rstrip('.')} ({c.size})" for c in causes]
-    if candidates:
-        inner = [t[:1].lower() + t[1:] for t in texts]
-        return f"One of these was found: {'; or '.join(inner)}."
-    return f"{'. '.join(texts)}."
+    sentences = []
+    for group in groups:
+        texts = [f"{c.plain.rstrip('.')} ({c.size})" for c in group]
+        if len(texts) > 1:
+            inner = [t[:1].lower() + t[1:] for t in texts]
+            texts = [f"One of these was found: {'; or '.join(inner)}"]
+        sentences.append(f"{texts[0]}.")
+    return " ".join(sentences)
 
 
 def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:

@@ -14,13 +14,24 @@ from typing import Any
 import numpy as np
 
 from feltmb.adapters.changes import Entry, InputError, SensorError
+from feltmb.mechanism import MechanismFile
+from feltmb.mechanism.numbers import read_entry
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.readings import acting
 from unmodeled.fit import Effect, Parameter
+from unmodeled.fit.model import UserUnit
 from unmodeled.fit.observe import shifted
 
-__all__ = ["columns_of", "effect_of", "excite_by", "observe_by", "parameter_of", "partners"]
+__all__ = [
+    "columns_of",
+    "effect_of",
+    "excite_by",
+    "observe_by",
+    "parameter_of",
+    "partners",
+    "user_unit_of",
+]
 
 
 @checked
@@ -46,6 +57,7 @@ def effect_of(
     return Effect(
         name=entry.name,
         component=entry.component,
+        label=entry.part,
         unit=entry.unit,
         scale=entry.magnitude,
         sign=entry.sign,
@@ -73,6 +85,29 @@ def parameter_of(entry: Entry) -> Parameter:
         upper=entry.upper,
         component=entry.component,
     )
+
+
+def user_unit_of(entry: Entry, config: MechanismFile) -> UserUnit | None:
+    """Turns of the screw that an entry moves, or grams of a mass; None: neither.
+
+    Parameters
+    ----------
+    entry
+        Entry of a library.
+    config
+        Mechanism, whose screws and masses count.
+    """
+    change, *others = entry.changes or [None]
+    if change is None:
+        return None
+    if change.path.endswith(".mass") and change.scale:
+        return UserUnit("kg", change.scale * float(read_entry(config, change.path)))
+    point, _, axis = change.path.rpartition(".")
+    for screw in config.screws.values():
+        along = dict(zip("xy", screw.direction or (), strict=False)).get(axis, 0.0)
+        if screw.path == point and screw.pitch and not others and abs(along) > 0.99:
+            return UserUnit("turn", change.add / (along * screw.pitch), screw.words)
+    return None
 
 
 def columns_of(

@@ -16,7 +16,7 @@ import numpy as np
 
 from feltmb import _core
 from feltmb.adapters.changes import Configurations, Entry
-from feltmb.adapters.effects import parameter_of
+from feltmb.adapters.effects import parameter_of, user_unit_of
 from feltmb.mechanism import Action, MechanismFile, describe
 from unmodeled.data import Array, Record, evenly_spaced
 from unmodeled.data.smoothing import LEAST_SAMPLES, smooth_record
@@ -301,6 +301,7 @@ class MechanismSimulator:
                 parameter_of(e),
                 label=e.part or f"The {e.component}",
                 relative=e.unit == "1",
+                user_unit=user_unit_of(e, action.config),
             )
             for e in self.tolerances
         )

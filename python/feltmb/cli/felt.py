@@ -367,7 +367,12 @@ def law_command(
     from unmodeled.errors import InvalidParameter
 
     check_targets(out, force=force)
-    reading = {k: v for k, v in read.reading.items() if k != "cycle"}
+    reading = read.reading
+    if reading.pop("cycle") is not None:
+        raise InvalidParameter(
+            "--cycle: a law of loading is of the first complete cycle, the others are of the whole "
+            "test; expected no --cycle"
+        )
     given = {"zero": zero, "thickness0": thickness, "area": area, **reading}
     found = [read_specimen(test, **given) for test in tests]
     several = len(found) > 1

@@ -261,7 +261,7 @@ def pool(
     count = len(tests)
     if count < 2:
         raise InvalidParameter(f"pool: got {count} specimens, expected at least 2")
-    fits = tuple(_fit_loading(test, law, thickness) for test in tests)
+    fits = tuple(fit_law(test, law, thickness=thickness) for test in tests)
     end = min(float(f.compression[-1]) for f in fits)
     grid = end * np.linspace(0.0, 1.0, 201)[1:]
     forces = np.array([np.interp(grid, f.compression, f.force) for f in fits])
@@ -312,10 +312,11 @@ def _fit_relaxation(test: Specimen) -> LawFit:
 
     def values(p: Array) -> dict[str, float]:
         forces = size * np.exp(p[p.size // 2 :])
+        times = times_of(p)
+        shares = _shares(test, first, times, forces[1:] / forces[0])
         made = {"rest": float(forces[0])}
-        for i, (time, part) in enumerate(zip(times_of(p), forces[1:], strict=True), 1):
-            made[f"share_{i}"] = float(part / forces[0]) / _left(test, first, float(time))
-            made[f"time_{i}"] = float(time)
+        for i, (share, time) in enumerate(zip(shares, times, strict=True), 1):
+            made |= {f"share_{i}": float(share), f"time_{i}": float(time)}
         return made
 
     options = []
@@ -351,14 +352,26 @@ def _fit_relaxation(test: Specimen) -> LawFit:
     )  # fmt: skip
 
 
-def _left(test: Specimen, first: int, time: float) -> float:
-    """Share of a branch that is left at the beginning of a hold, by the force before it."""
+def _shares(test: Specimen, first: int, times: Array, seen: Array) -> Array:
+    """Shares of branches after a sudden compression from those that are seen in a hold.
+
+    Each branch follows ``q' = share F_s' - q/time`` before the hold, where the measured force is
+    that at rest, F_s, and all q.
+    """
     assert test.time is not None
-    t, force = test.time[: first + 1], test.force[: first + 1]
-    if t.size < 2 or not force[-1] > force[0]:
-        return 1.0
-    decay = np.exp(-(t[-1] - 0.5 * (t[1:] + t[:-1])) / time)
-    return max(float(np.sum(np.diff(force) * decay) / (force[-1] - force[0])), 1e-6)
+    force = test.force[: first + 1]
+    steps = np.maximum(np.diff(test.time[: first + 1]), 1e-12 * float(times[0]))
+    shares = seen
+    for _ in range(5 if steps.size and force[-1] > force[0] else 0):
+        rest, branches = float(force[0]), np.zeros(times.size)
+        for step, now in zip(steps, force[1:], strict=True):
+            decay = np.exp(-step / times)
+            gain = shares * times / step * (1.0 - decay)
+            rise = (now - rest - float(np.sum(branches * decay))) / (1.0 + float(np.sum(gain)))
+            branches, rest = branches * decay + gain * rise, rest + rise
+        left = np.clip(branches / (shares * max(rest, 1e-300)), 1e-6, 1.0)
+        shares = seen / left
+    return np.asarray(shares)
 
 
 def _fit_rate(test: Specimen, law: Literal["stulov", "rate"]) -> LawFit:
@@ -474,6 +487,10 @@ def fit_law(
         raise DataError(f"{test.name}: no column of time, expected one for the law {law}")
     if law == "maxwell":
         return _fit_relaxation(test)
-    if law == "stulov" or law == "rate":
-        return _fit_rate(test, law)
-    return _fit_loading(test, law, thickness)
+    rate = law == "stulov" or law == "rate"
+    found = _fit_rate(test, law) if rate else _fit_loading(test, law, thickness)  # type: ignore[arg-type]
+    if not test.by_thickness or "zero" not in found.values:
+        return found
+    ends = {k: (-high, -low) for k, (low, high) in found.interval.items() if k == "zero"}
+    values = {**found.values, "zero": -found.values["zero"]}  # as the thickness is read
+    return replace(found, values=values, interval={**found.interval, **ends})

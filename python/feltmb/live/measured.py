@@ -32,7 +32,8 @@ from unmodeled.data.mapping import Signals
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.experiment import Belief
 from unmodeled.fit import Effect
-from unmodeled.search.result import Named, ParameterValue
+from unmodeled.report.words import percent
+from unmodeled.search.result import Change
 from unmodeled.style import reader_unit
 
 __all__ = ["Measured", "Shelf"]
@@ -307,7 +308,7 @@ class Measured:
             model, effects = mechanism_model(asked.turned.action(bench))
             options = Options(seconds=asked.seconds)
             report = diagnose(
-                model, effects, self._records(asked, model), options=options, tell=tell
+                model, effects, self._records(asked, model), options=options, progress=tell
             )
             self._believed = (_state(asked, bench), Belief.of_report(report))
             return told(report, effects, bench) | {"stopped": self._stop}
@@ -374,69 +375,64 @@ def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, A
     bench
         Mechanism of the page, whose knobs change some of the numbers.
     """
-    causes = [(n, f"{n.probability:.0%} probable") for n in report.named]
-    causes += [(n, f"one of {len(group)}") for group in report.classes for n in group]
-    known, changed = {n.cause for n, _ in causes}, {n.changes for n, _ in causes}
-    moved = sorted((p for p in report.parameters if p.moved), key=lambda p: -p.tolerances)
+    listed = [c for first in report.changes for c in (first, *first.equivalents)]
+    known = {c.name for c in listed}
     chances: dict[str, float] = {}
     for s in report.sets:
         for name in set(s.causes) - known:
             chances[name] = chances.get(name, 0.0) + s.probability
     others = sorted(((v, n) for n, v in chances.items() if v >= LEAST), reverse=True)
     mechanism = {e.name: e.mechanism for e in effects}
-    tabulated = {p.name: p.tabulated for p in report.parameters}
     return {
         "verdict": report.verdict.value.capitalize(),
         "answer": finding(report.as_dict(), bench.library),
         "statement": report.summary(),
         "reasons": [reason.value for reason in report.reasons],
         "causes": [
-            _row(bench, n.cause, n.unit, how, ". ".join(filter(None, (n.mechanism, n.remedy))))
-            | _numbers(n, n.magnitude, tabulated[n.cause] if n.parameter else 0.0)
-            for n, how in causes
-        ]
-        + [_parameter(bench, p) for p in report.off],
-        "parameters": [
-            _parameter(bench, p)
-            for p in moved[:MOST_ROWS]
-            if p.name not in changed and p not in report.off
+            _row(bench, c.name, c.unit, _how(c, len(first.equivalents)), _text(c))
+            | {k: v if math.isfinite(v) else None
+               for k, v in (("magnitude", c.size), ("low", c.low), ("high", c.high))}
+            for first in report.changes
+            for c in (first, *first.equivalents)
         ],
         "candidates": [
             _row(bench, name, "", f"{value:.0%} probable", mechanism.get(name, ""))
             for value, name in others[:MOST_ROWS]
         ],
-        "tint": tint_of(bench, _shares(report, moved, bench)),
-    }
+        "tint": tint_of(bench, _shares(report, bench)),
+    }  # fmt: skip
 
 
-def _parameter(bench: Bench, p: ParameterValue) -> dict[str, Any]:
-    """Row of a parameter that moved."""
-    row = _row(bench, p.name, p.unit, f"{p.tolerances:.2g} tolerances", p.title)
-    return row | _numbers(p, p.value, p.tabulated)
+def _how(c: Change, equivalents: int) -> str:
+    """How sure a change is, and whether a parameter is within its tolerance."""
+    words = [f"one of {1 + equivalents}"] if equivalents else []
+    if not equivalents and c.tier == "named":
+        words = [f"{c.probability:.0%} probable"]
+    if c.within is not None:
+        words.append(f"{'within' if c.within else 'outside'} its tolerance")
+    return ", ".join(words)
+
+
+def _text(c: Change) -> str:
+    """What is changed and what that takes away."""
+    takes = f"takes away {percent(c.takes)} of the motion of {c.channel}" if c.channel else ""
+    parts = (c.mechanism.rstrip(".") or c.title, takes, c.remedy.rstrip("."))
+    return ". ".join(filter(None, parts))
 
 
 def _row(bench: Bench, name: str, unit: str, how: str, text: str) -> dict[str, Any]:
     return {"effect": name, "unit": unit, "how": how, "text": text, "knob": knob_of(bench, name)}
 
 
-def _numbers(x: Named | ParameterValue, value: float, zero: float) -> dict[str, float | None]:
-    """Change that a knob applies, with its 95 % interval."""
-    found = {"magnitude": value - zero, "low": x.low - zero, "high": x.high - zero}
-    return {k: v if math.isfinite(v) else None for k, v in found.items()}
-
-
-def _shares(
-    report: Report, moved: Sequence[ParameterValue], bench: Bench
-) -> list[tuple[str, float]]:
-    """Places with the share that they take away from the residual of the worst channel."""
+def _shares(report: Report, bench: Bench) -> list[tuple[str, float]]:
+    """Places with the share of the gap of the worst channel that they take away."""
     c = report.worst
     total = c.tabulated if 0.0 < c.tabulated < math.inf else max(c.calibrated, 1e-300)
-    most = max((p.tolerances for p in moved), default=0.0) or 1.0
-    fitted = 1.0 - c.calibrated / total
-    found = [(knob_of(bench, p.name), fitted * p.tolerances / most) for p in moved]
-    told = (*report.named, *(n for group in report.classes for n in group))
-    taken = (c.calibrated - c.explained) / total
-    found += [(knob_of(bench, n.cause) or n.component, taken) for n in told]
+    found = [
+        (knob_of(bench, x.name) or x.component, x.takes * c.motion / total)
+        for first in report.changes
+        for x in (first, *first.equivalents)
+    ]
     k = report.channels.index(c)
     return found + [(p.name, (c.explained - p.left[k]) / total) for p in report.places]
 

@@ -123,7 +123,7 @@ class Action:
         exclude: Sequence[str] | str = (),
         hold_out: Sequence[str] | str | None = None,
         options: Any = None,
-        tell: Callable[..., None] | None = None,
+        progress: Callable[..., None] | None = None,
     ) -> Any:
         """Find what the mechanism lacks: :meth:`unmodeled.fit.Model.diagnose` of its model.
 
@@ -132,7 +132,7 @@ class Action:
         records
             Measured runs, for example of :func:`unmodeled.read`. Their inputs are ``force`` [N] or
             ``displacement`` [m], their outputs ``hammer_tip.x`` [m] and others.
-        effects, exclude, hold_out, options, tell
+        effects, exclude, hold_out, options, progress
             As for a model; the default effects are those of the library of the mechanism.
 
         Returns
@@ -140,10 +140,12 @@ class Action:
         unmodeled.Report
         """
         chosen = {"effects": effects, "exclude": exclude, "hold_out": hold_out}
-        return self._as_model(records).diagnose(records, options=options, tell=tell, **chosen)
+        return self._as_model(records).diagnose(
+            records, options=options, progress=progress, **chosen
+        )
 
     def fit(
-        self, records: Any, *, options: Any = None, tell: Callable[..., None] | None = None
+        self, records: Any, *, options: Any = None, progress: Callable[..., None] | None = None
     ) -> Any:
         """Fit its tolerances to records: :meth:`unmodeled.fit.Model.fit` of its model.
 
@@ -151,14 +153,14 @@ class Action:
         ----------
         records
             Measured runs, as for :meth:`diagnose`.
-        options, tell
+        options, progress
             As for :func:`unmodeled.fit_model`.
 
         Returns
         -------
         unmodeled.Report
         """
-        return self._as_model(records).fit(records, options=options, tell=tell)
+        return self._as_model(records).fit(records, options=options, progress=progress)
 
     def _as_model(self, records: Any) -> Any:
         return lazy_import("feltmb.adapters.model:model_of")(self, records)

@@ -12,20 +12,20 @@ from feltmb.action.customer import customer_page
 from feltmb.cli.gap import report as command
 
 
-def named(cause, component, magnitude, unit="1", **other):
-    row = {"cause": cause, "component": component, "unit": unit, "magnitude": magnitude}
-    return row | {"shape": None, "parameter": False, "mechanism": "", "remedy": ""} | other
+def change(name, component, size, unit="1", **other):
+    row = {"name": name, "title": name, "component": component, "unit": unit, "size": size}
+    return row | {"tier": "named", "mechanism": "", "remedy": "", "equivalents": []} | other
 
 
-def result(folder, *rows, classes=(), verdict="NAMED"):
-    data = {"format": "unmodeled diagnosis", "version": 1, "verdict": verdict, "named": rows}
-    data |= {"classes": classes, "parameters": []}
+def result(folder, *rows, verdict="NAMED", parameters=()):
+    data = {"format": "unmodeled diagnosis", "version": 2, "verdict": verdict, "changes": rows}
+    data |= {"parameters": parameters}
     (folder / "report.json").write_text(json.dumps(data))
     return folder
 
 
-KEY = named("coulomb_friction.key", "key joint", 0.0079, "N m")
-FELT = named("felt_thickness.03", "contact 03, key capstan - whippen", 5e-4, "m")
+KEY = change("coulomb_friction.key", "key joint", 0.0079, "N m")
+FELT = change("felt_thickness.03", "contact 03, key capstan - whippen", 5e-4, "m")
 
 
 def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
@@ -42,7 +42,7 @@ def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
 
 
 def test_a_sensor_is_no_fault_of_the_instrument(tmp_path):
-    late = named("input_delay", "force sensor", 2e-4, "s", remedy="Tap the sensor.")
+    late = change("input_delay", "force sensor", 2e-4, "s", remedy="Tap the sensor.")
     page = customer_page(result(tmp_path, late, KEY), "steinway45")
     alone = customer_page(result(tmp_path, KEY), "steinway45")
     assert (page.found, page.work) == (alone.found, alone.work)
@@ -51,28 +51,26 @@ def test_a_sensor_is_no_fault_of_the_instrument(tmp_path):
     assert page.work == ("Nothing needs to be done.",)
 
 
-def test_a_parameter_far_outside_its_tolerance_is_the_answer(tmp_path):
+def test_a_parameter_that_changed_is_the_answer(tmp_path):
     rows = [
-        {"name": n, "title": n, "unit": u, "tabulated": 0.0, "sd": sd, "value": v, "low": v - sd,
-         "high": v + sd, "relative": u == "1"}
-        for n, u, sd, v in (("capstan_height", "m", 1e-5, -6.6e-4), ("mass.head", "1", 0.02, 0.03))
-    ]  # fmt: skip
-    folder = result(tmp_path, verdict="CALIBRATED")
-    data = json.loads((folder / "report.json").read_text())
-    data |= {"parameters": rows, "off": ["capstan_height"]}
-    (folder / "report.json").write_text(json.dumps(data))
+        {"name": n, "tabulated": 0.0, "value": v}
+        for n, v in (("capstan_height", -6.6e-4), ("mass.head", 0.03))
+    ]
+    turn = {"unit": "turn", "per_unit": 1.0 / 0.7e-3, "words": ["up", "down"]}
+    capstan = change("capstan_height", "", -6.6e-4, "m", title="The capstan", tier="fitted",
+                     user_unit=turn)  # fmt: skip
+    folder = result(tmp_path, capstan, verdict="CALIBRATED", parameters=rows)
     page = customer_page(folder, "steinway45")
     assert page.bodies == ("key",)
-    assert "-0.66\N{NO-BREAK SPACE}mm" in page.found
-    assert all(text.endswith(".") for text in page.work)
-    assert page.work
-    assert "mass" not in page.found
+    plain = page.found.replace("\N{NO-BREAK SPACE}", " ")
+    assert plain == "The capstan is off (-0.66 mm, 0.94 turns down)."
+    assert page.work == ("Turn the capstan by 0.94 turns up.",)
     path = "surfaces.Kp2.point.y"
     height = [a.value(path).value for a in (page.after, page.before)]
     assert height[1] - height[0] == pytest.approx(-6.6e-4)
-    data |= {"classes": [[KEY, FELT]]}  # a class is told as a class
-    (folder / "report.json").write_text(json.dumps(data))
-    assert "One of these" in customer_page(folder, "steinway45").found
+    assert page.after.hash == feltmb.load_action("steinway45").hash
+    either = result(tmp_path, capstan, KEY | {"equivalents": [FELT]})
+    assert "One of these was found" in customer_page(either, "steinway45").found
 
 
 def test_work_that_was_done_replaces_the_advice(tmp_path):
@@ -96,7 +94,7 @@ def test_what_is_no_result_is_refused(tmp_path):
     (tmp_path / "report.json").write_text("{}")
     with pytest.raises(InvalidParameter, match=re.escape("feltmb gap diagnose --out")):
         customer_page(tmp_path, "steinway45")
-    other = result(tmp_path, named("spring_rate.none", "none", 0.1))
+    other = result(tmp_path, change("spring_rate.none", "none", 0.1))
     with pytest.raises(InvalidParameter, match="another mechanism"):
         customer_page(other, "steinway45")
     (tmp_path / "photo.png").write_text("no picture")

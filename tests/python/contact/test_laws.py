@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from calls import refused
+from scipy.integrate import solve_ivp
 
 import feltmb
 from feltmb.contact import CORE_LAWS, LAWS, law
@@ -85,6 +86,27 @@ def test_units_of_a_table_are_those_of_its_fields():
 def test_laws_that_are_not_given_change_no_hash():
     """Results of before a law was added keep their hash."""
     assert feltmb.load_action("steinway45").hash.startswith("d29e99c64bb0f009")
+
+
+@pytest.mark.parametrize(("stated", "comes"), [(0.5, 0.725), (0.7, 0.796), (0.9, 0.913)])
+def test_the_restitution_of_lankarani_nikravesh_is_larger_than_the_stated_one(stated, comes):
+    """As docs/explanation/model.md tells; 10 g at 2 m/s, integrated by SciPy."""
+    felt = law("lankarani_nikravesh", stiffness=1e7, restitution=stated, impact_speed=2.0)
+
+    def leaves(_, y):
+        return y[0]
+
+    leaves.terminal, leaves.direction = True, -1.0
+    run = solve_ivp(
+        lambda _, y: [y[1], -float(felt.force(y[0], y[1])) / 0.01],
+        (0.0, 0.1),
+        [1e-12, 2.0],
+        events=leaves,
+        rtol=1e-7,
+        atol=1e-12,
+        max_step=1e-4,
+    )
+    assert -run.y[1, -1] / 2.0 == pytest.approx(comes, abs=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -30,6 +30,7 @@ HOWTO = sorted(
 TUTORIALS = [f"docs/tutorials/first_{n}.md" for n in ("stroke", "felt", "diagnosis", "machine")]
 PAGES = [
     "README.md",
+    "unmodeled/README.md",
     *TUTORIALS,
     "docs/explanation/gap.md",
     "docs/explanation/tracing.md",
@@ -49,7 +50,8 @@ def test_page_shows_what_comes(page, tmp_path):
 
 
 def test_links_of_the_pages_lead_somewhere():
-    pages = [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/*.md")]
+    patterns = ("*.md", "docs/**/*.md", "examples/*.md", "unmodeled/*.md")
+    pages = [p for pattern in patterns for p in ROOT.glob(pattern)]
     # The build of the site writes the reference and checks the links into it.
     generated = ROOT / "docs" / "reference" / "generated"
     lost = []
@@ -194,14 +196,15 @@ def test_no_text_installs_feltmb_from_an_index():
 def test_the_first_command_installs_the_packages_of_the_live_page():
     setup = (ROOT / "tools" / "setup.sh").read_text(encoding="utf-8")
     targets = re.findall(r"target='\.\[(\w+)\]'", setup)
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    packages = extras["optional-dependencies"]
+    packages = [
+        tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"][
+            "optional-dependencies"
+        ]
+        for folder in ("", "unmodeled")
+    ]
     assert targets == ["live", "test"]
-    assert any("live" in p for p in packages["test"])
+    assert any("live" in p for p in packages[0]["test"])
     page = (ROOT / "docs" / "howto" / "install.md").read_text(encoding="utf-8")
-    assert re.findall(r"^\| `(\w+)` \|", page, flags=re.MULTILINE) == [
-        "live", "fmi", "mujoco", "midi", "parquet", "instruments", "mcap", "dask", "test", "dev", "docs",
-    ]  # fmt: skip
-    assert set(packages) == {
-        "live", "fmi", "mujoco", "midi", "parquet", "instruments", "mcap", "dask", "test", "dev", "docs",
-    }  # fmt: skip
+    tables = page.partition("| extra of `feltmb` |")[2].split("| extra of `unmodeled` |")
+    for table, extras in zip(tables, packages, strict=True):
+        assert set(re.findall(r"^\| `(\w+)` \|", table, flags=re.MULTILINE)) == set(extras)

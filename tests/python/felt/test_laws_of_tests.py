@@ -221,6 +221,21 @@ def test_the_commands(tmp_path):
     assert "Scatter between specimens" in out
     told = json.loads(run("law", paths[0], "--json").output)
     assert told[0]["values"]["exponent"] == pytest.approx(2.6, rel=0.02)
+    rows = np.loadtxt(paths[0], delimiter=",", skiprows=1)
+    thick = tmp_path / "thick.csv"
+    np.savetxt(
+        thick,
+        rows * [-1.0, 1.0] + [6.0, 0.0],
+        "%.7g",
+        ",",
+        header="thickness [mm],force [N]",
+        comments="",
+    )
+    turned = json.loads(run("law", thick, "--json").output)[0]
+    assert turned["values"]["zero"] == pytest.approx(6e-3 - told[0]["values"]["zero"], abs=1e-6)
+    assert turned["interval"]["zero"][0] < turned["values"]["zero"] < turned["interval"]["zero"][1]
+    with pytest.raises(InvalidParameter, match="expected no --cycle"):
+        run("law", thick, "--cycle", "2")
     made = tmp_path / "law.toml"
     run("law", paths[0], "-o", made)
     assert "[hunt_crossley]" in made.read_text()

@@ -213,7 +213,7 @@ def test_the_diagnosis_of_a_function_names_its_unknown_parameter():
     assert abs(named.magnitude) == pytest.approx(0.3, rel=0.02)
     assert report.model.parameters["tau"] == pytest.approx(0.2, rel=0.02)
     row = report.frame.loc["gap"]
-    assert (row["kind"], row["unit"]) == ("named", "N")
+    assert (row["kind"], row["tier"], row["unit"]) == ("change", "named", "N")
     assert not any("of input force" in name for name in report.frame.index)
     for kind in ("waterfall", "residual", "correlation"):
         assert report.plot(kind).axes

@@ -8,7 +8,7 @@ from feltmb.live.measured import Shelf, knob_of, tint_of, told
 from feltmb.live.states import MOST_KNOTS, Asked, Playing
 from unmodeled import Effect, Report, Verdict
 from unmodeled.errors import InvalidParameter
-from unmodeled.search.result import Channel, Named, ParameterValue, Result, SetOfCauses
+from unmodeled.search.result import Channel, Named, ParameterValue, Result, SetOfCauses, Without
 
 
 @pytest.fixture(scope="module")
@@ -85,36 +85,38 @@ def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
     channel = Channel("tip", "m", 1e-5, 1e-2, 4e-3, 2e-3, 1e-3)
     named = Named("felt.06", "contact 06, hammer - string", "1", 0.4, 0.3, 0.5, 0.97,
                   parameter=True, changes="felt.06", remedy="Needle it.")  # fmt: skip
-    one, other = (Named(n, "input", "s", 1e-3, 0.0, 2e-3, 0.5) for n in ("input_delay", "lag"))
+    one, other = (Named(n, "input", "s", 1e-3, 1e-4, 2e-3, 0.5) for n in ("input_delay", "lag"))
     values = (
         ParameterValue("capstan_height", "the capstan", "m", 0.0, 2e-4, -4e-4, -7e-4, -1e-4),
-        ParameterValue("let_off_button", "the button", "m", 0.0, 2e-4, 8e-4, 7e-4, 9e-4),
+        ParameterValue("let_off_button", "The let-off button", "m", 0.0, 2e-4, 8e-4, 7e-4, 9e-4),
         ParameterValue("felt.06", "felt 06", "1", 0.1, 0.1, 0.4, 0.3, 0.5),
         ParameterValue("mass.key", "the key", "1", 0.0, 0.02, 0.001, -0.01, 0.012),
     )
     sets = (SetOfCauses(("felt.06", "creep"), 0.75, (1e-3,)), SetOfCauses(("lag",), 0.25, (2e-3,)))
-    result = Result(Verdict.NAMED, (), (channel,), (named,), ((one, other),), values, sets)
+    left = [("felt.06", 2e-3), ("input_delay", 1.5e-3), ("lag", 1.5e-3), ("let_off_button", 3e-3)]
+    without = tuple(Without(name, (before,), (1e-3,)) for name, before in left)
+    result = Result(Verdict.NAMED, (), (channel,), (named,), ((one, other),), values, sets,
+                    changed=((values[1],),), without=without)  # fmt: skip
     effects = (Effect(name="creep", component="felt", mechanism="It creeps."),)
     page = told(Report.of(result), effects, bench)
     assert page["verdict"] == "Named"
-    told_causes = [c["effect"] for c in page["causes"]]
-    assert told_causes == ["felt.06", "input_delay", "lag", "let_off_button"]
-    last = page["causes"][-1]
-    assert (last["how"], last["magnitude"]) == ("4 tolerances", 8e-4)
+    effects = [c["effect"] for c in page["causes"]]
+    assert effects == ["let_off_button", "felt.06", "input_delay", "lag"]
+    first, second, third, _ = page["causes"]
+    assert (first["how"], first["magnitude"]) == ("outside its tolerance", 8e-4)
+    assert "takes away 28 % of the motion of tip" in first["text"]
     assert "let-off" in page["answer"]
-    assert "off by +0.8 mm, 4 tolerances" in page["statement"]
-    first = page["causes"][0]
+    assert page["statement"].startswith("Change the let-off button by +0.80 mm (+0.70 to +0.90)")
     # Its knob changes the tabulated value, so that the change is told.
-    assert (first["knob"], first["text"]) == ("felt.06", "Needle it.")
-    changes = [first[k] for k in ("low", "magnitude", "high")]
+    assert second["knob"] == "felt.06"
+    assert second["text"].endswith("Needle it")
+    changes = [second[k] for k in ("low", "magnitude", "high")]
     assert changes == pytest.approx([0.2, 0.3, 0.4])
-    assert page["causes"][1]["how"] == "one of 2"
-    assert [p["effect"] for p in page["parameters"]] == ["capstan_height"]
-    assert page["parameters"][0]["how"] == "2 tolerances"
+    assert third["how"] == "one of 2"
     assert [(c["effect"], c["text"]) for c in page["candidates"]] == [("creep", "It creeps.")]
     tint = dict(zip(["ground", *bench.action.config.bodies], page["tint"], strict=True))
-    # Calibration takes away half of the gap; the capstan moved half as far as the button.
-    assert tint["key"] == 0.25
+    # The felt takes away sqrt(4 - 1) of 4.
+    assert tint["head"] == pytest.approx(0.433)
     assert tint["jack"] == 0.0
 
 

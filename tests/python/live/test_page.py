@@ -390,9 +390,9 @@ def test_what_a_diagnosis_tells_is_shown_and_applied(opened):
         "on": "diagnosis", "verdict": "Named", "statement": "The model misses 9 %.",
         "reasons": ["the search was ended before its end"], "stopped": True,
         "answer": "The capstan is low (-0.6 mm).",
-        "causes": [{**row, "effect": "slip", "how": "97% probable", "knob": ""}],
-        "parameters": [{**row, "effect": "capstan_height", "how": "3 tolerances",
-                        "knob": "screw.lost motion"}],
+        "causes": [{**row, "effect": "slip", "how": "97% probable", "knob": ""},
+                   {**row, "effect": "capstan_height", "how": "outside its tolerance",
+                    "knob": "screw.lost motion"}],
         "candidates": [
             {"effect": "creep", "unit": "", "how": "2% probable", "text": "", "knob": ""}
         ],

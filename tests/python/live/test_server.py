@@ -526,8 +526,7 @@ def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(serve, client, ca
         page.send("diagnose", files=files, seconds=300.0)
         told = page.until(lambda m: m["on"] == "diagnosis", 3000.0)
         assert not told["stopped"]
-        assert not told["causes"]
-        found = told["parameters"][0]
+        found = told["causes"][0]
         assert found["effect"] == "capstan_height"
         assert found["knob"] == "screw.lost motion"
         assert found["magnitude"] == pytest.approx(-6e-4, rel=0.05)

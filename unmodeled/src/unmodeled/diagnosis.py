@@ -39,7 +39,7 @@ def diagnose(
     exclude: Sequence[str] | str = (),
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
-    tell: Callable[[Progress], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Report:
     """Find the effects that a model lacks.
 
@@ -61,7 +61,7 @@ def diagnose(
         record is held out.
     options
         Options; default: ``Options()``.
-    tell
+    progress
         Is called with the stage, the share of the work that is done, and the time that is left;
         default: nothing is called. If it raises :class:`Stop`, the search ends as at its limit of
         time.
@@ -76,13 +76,13 @@ def diagnose(
     InvalidParameter, DataError
         Model, effects and records do not fit together.
     Stop, KeyboardInterrupt
-        ``tell`` raised it, or Ctrl-C came, before there was a fit of the model.
+        ``progress`` raised it, or Ctrl-C came, before there was a fit of the model.
     """
     options = options or Options()
     began = time.monotonic()
     end = began + FITS * options.seconds
     given = (records,) if isinstance(records, Record) else tuple(records)
-    meter = Meter(tell, FITS * options.seconds)
+    meter = Meter(progress, FITS * options.seconds)
 
     def check() -> None:
         meter.step()
@@ -92,13 +92,13 @@ def diagnose(
     with one_thread(), _interrupted():
         meter.stage("prepare")
         ready = ready_records(model, given)
-        found, told = chosen_effects(ready.model, ready.records, effects, exclude)
+        found, chosen = chosen_effects(ready.model, ready.records, effects, exclude)
         tested = untested(found, ready.model)
         before = compared(ready)
         refuse(before)
         problem = prepare(ready, tested, hold_out, options)
         notes = (
-            *told,
+            *chosen,
             *_split(problem, ready.records, hold_out),
             *_clocks(problem),
             *before.notes,
@@ -160,7 +160,7 @@ def fit_model(
     records: Sequence[Record] | Record,
     *,
     options: Options | None = None,
-    tell: Callable[[Progress], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Report:
     """Fit the parameters of a model to all records: a diagnosis without effects.
 
@@ -174,7 +174,7 @@ def fit_model(
         Model of the machine.
     records
         Measured runs; at least one.
-    options, tell
+    options, progress
         As for :func:`diagnose`.
 
     Raises
@@ -182,4 +182,4 @@ def fit_model(
     InvalidParameter, DataError
         Model and records do not fit together.
     """
-    return diagnose(model, (), records, hold_out=(), options=options, tell=tell)
+    return diagnose(model, (), records, hold_out=(), options=options, progress=progress)

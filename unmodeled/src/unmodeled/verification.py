@@ -94,7 +94,7 @@ def verify(
     *,
     model: str = "",
     seconds: float | None = None,
-    tell: Callable[[Progress], None] | None = None,
+    progress: Callable[[Progress], None] | None = None,
 ) -> Verification:
     """Repeat the diagnosis of a folder that :meth:`Report.write` wrote, and compare the answers.
 
@@ -111,7 +111,7 @@ def verify(
         default: the stored one. It gets the stored priors.
     seconds
         Limit of time [s]; default: that of the case.
-    tell
+    progress
         As for :func:`unmodeled.diagnose`.
 
     Raises
@@ -141,7 +141,7 @@ def verify(
         records,
         hold_out=as_made(case["hold_out"]),
         options=options if seconds is None else replace(options, seconds=seconds),
-        tell=tell,
+        progress=progress,
     )
     rows += _compared(stored, report.as_dict())
     return Verification(tuple(rows), tuple(_notes(case, stored, report)), report)

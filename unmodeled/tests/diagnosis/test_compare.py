@@ -145,7 +145,7 @@ def test_a_wrong_unit_or_sign_ends_a_diagnosis_before_any_fit(factor, kind, told
     assert told in hint.text
     stages = []
     with pytest.raises(DataError, match=f"{told}.*--unit"):
-        unmodeled.diagnose(model, [], records, tell=stages.append)
+        unmodeled.diagnose(model, [], records, progress=stages.append)
     assert {p.stage for p in stages} == {"prepare"}
 
 

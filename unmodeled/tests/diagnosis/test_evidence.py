@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
 from unmodeled import LinearModel, Parameter
-from unmodeled.search.evidence import DISCREPANCY, effective_share, log_evidence, precision, weights
+from unmodeled.search.evidence import effective_share, log_evidence, misfit, precision, weights
 from unmodeled.search.fit import Start, empty_point, fit_sets
 from unmodeled.search.options import Options
+from unmodeled.search.problem import STRICT, TRUSTED, Local
 from unmodeled.search.records import prepare, ready_records
 
 from .conftest import SIGMA, spring_record
@@ -58,9 +61,7 @@ def test_evidence_of_a_linear_model_is_the_marginal_likelihood():
     found, exact = [], []
     for value, sd in ((95.0, 10.0), (80.0, 3.0)):
         problem, fitted = _fitted(value, sd, record)
-        fitted = type(fitted)(
-            fitted.members, fitted.point, fitted.linears, np.ones(1), fitted.share
-        )
+        fitted = replace(fitted, noise=np.ones(1))
         found.append(log_evidence(problem, fitted, np.ones(1)))
         x = np.column_stack([record.inputs["x"], np.ones(record.samples)])
         covariance = SIGMA**2 * np.eye(record.samples) + x @ np.diag([sd**2, 0.2**2]) @ x.T
@@ -76,16 +77,38 @@ def test_a_discrepancy_counts_as_a_few_samples():
         problem, fitted = _fitted(95.0, 10.0, spring_record("fit", 2, foreign=foreign, seed=5))
         counts.append(float((weights(problem, fitted, fitted) * problem.samples)[0]))
     assert counts[0] > 100.0
-    assert counts[1] <= 1.2 * DISCREPANCY
+    assert counts[1] <= 1.2 * TRUSTED
 
 
 def test_the_channels_of_a_record_share_one_discrepancy():
     """One law that is wrong moves all channels: two of them are no more evidence than one."""
     random = np.full(2, 1e-6)
     for square in (np.array([26.0]), np.array([26.0, 26.0]), np.array([26.0, 1.0])):
-        samples = (square - 1.0) * precision(square, random[: square.size])
-        assert samples.sum() == pytest.approx(DISCREPANCY, rel=0.01)
-    alone = precision(np.array([26.0, 1.0]), random)  # the other channel has noise only
+        samples = (square - 1.0) * precision(square, random[: square.size], STRICT)
+        assert samples.sum() == pytest.approx(STRICT, rel=0.01)
+    alone = precision(np.array([26.0, 1.0]), random, STRICT)  # the other channel has noise only
     assert alone[1] == pytest.approx(1e6)
-    white = precision(np.ones(2), random)  # noise alone is independent
+    white = precision(np.ones(2), random, STRICT)  # noise alone is independent
     assert white == pytest.approx(1.0 / random)
+
+
+def test_a_start_that_is_not_known_takes_up_one_sample():
+    problem, _ = _fitted(95.0, 10.0, spring_record("fit", 2))
+    known, unknown = (Local("start", 0, 0.0, 1.0, weight) for weight in (1.0, 1e-6))
+    fit = (replace(problem.fit[0], local=(known, unknown, unknown)),)
+    assert replace(problem, fit=fit, worth=20.0).worth_with_starts == 22.0
+
+
+def test_a_discrepancy_that_the_records_cannot_exclude_counts():
+    """With white noise alone, small differences of many samples decide less than they seem to."""
+    random = np.full(1, 1e-4)
+    plain, careful = (precision(np.ones(1), random, STRICT, c)[0] for c in (0.0, 0.1))
+    assert plain == pytest.approx(1e4)
+    assert 0.3 * plain < careful < 0.5 * plain
+
+
+def test_the_misfit_is_that_of_the_noise_that_is_left():
+    samples = np.full(3, 100.0)
+    left = misfit(samples, np.array([50.0, 100.0, 400.0]))
+    # Below the noise of the sensor a square, above it the logarithm of the rms.
+    assert left == pytest.approx([25.0, 50.0, 100.0 * np.log(2.0) + 50.0])

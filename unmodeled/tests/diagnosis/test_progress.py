@@ -80,7 +80,7 @@ def test_the_fits_are_expected_to_end_at_their_limit():
 def test_a_diagnosis_tells_all_stages(spring, causes):
     records = [spring_record(n, k, hardening=2000.0) for n, k in (("a", 2), ("b", 5), ("c", 3))]
     seen = []
-    diagnose(spring, causes, records, tell=seen.append)
+    diagnose(spring, causes, records, progress=seen.append)
     stages = list(dict.fromkeys(p.stage for p in seen))
     assert stages == [
         "prepare", "fit", "search", "exchange", "held_out", "judge", "locate", "done",

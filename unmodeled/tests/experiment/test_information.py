@@ -14,8 +14,7 @@ from unmodeled.data import StartPrior
 from unmodeled.errors import InvalidParameter
 from unmodeled.experiment import Belief, design
 from unmodeled.experiment.information import Knowledge, Study
-from unmodeled.search.evidence import DISCREPANCY
-from unmodeled.search.problem import RELEASED
+from unmodeled.search.problem import RELEASED, TRUSTED
 
 from .models import CUBE, SQUARE, effect, limits, line
 
@@ -70,13 +69,13 @@ def test_parameters_are_projected_out():
 
 @pytest.mark.parametrize("repeats", [1, 4])
 def test_a_known_discrepancy_counts_as_few_samples(repeats):
-    """Noise s and discrepancy d: the variance of a mean is s^2/n + d^2/DISCREPANCY."""
+    """Noise s and discrepancy d: the variance of a mean is s^2/n + d^2/TRUSTED."""
     belief = Belief(weights={"square": 1.0}, left={"y": (0.05, 0.5)})
     study = Study.of(line(sd=0.1), [SQUARE], belief)
     one = study.linearized(record())
     knowledge = Knowledge(study, (one,) * repeats)
     n = 400 * repeats
-    share = 1.0 / (0.05**2 + n * (0.5**2 - 0.05**2) / DISCREPANCY)
+    share = 1.0 / (0.05**2 + n * (0.5**2 - 0.05**2) / TRUSTED)
     expected = repeats * share * (U**2 @ U**2)
     # The discrepancy that a finite record shows by chance is not counted.
     assert knowledge.matrix[1, 1] == pytest.approx(expected, rel=0.01)

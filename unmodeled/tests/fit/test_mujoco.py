@@ -118,6 +118,16 @@ def test_an_actuator_without_a_name_has_that_of_its_joint(tmp_path):
     assert found.actuator("j1").gainprm[0] == 12.0
 
 
+def test_a_column_with_the_name_of_an_actuator_is_an_input(tmp_path):
+    """A file of columns does not say which are inputs."""
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    ready = unmodeled.mujoco(path).matched([made(inputs=(), outputs=("turn", "j2", "j1"))])
+    assert set(ready.model.inputs) == {"turn", "j1"}
+    assert set(ready.model.outputs) == {"j2"}
+    assert set(ready.records[0].inputs) == {"turn", "j1"}
+
+
 def test_an_input_that_is_no_actuator_is_told(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
@@ -129,6 +139,8 @@ def test_an_input_that_is_no_actuator_is_told(tmp_path):
         InvalidParameter, match="input load of record run is no actuator; there are"
     ):
         unmodeled.mujoco(path).matched([made(inputs=["turn", "load"])])
+    with pytest.raises(InvalidParameter, match="has no keyframe hom; near are home"):
+        unmodeled.mujoco(path, key="hom")
     with pytest.raises(InvalidParameter, match=r"turm.* near are turn"):
         unmodeled.mujoco(path).matched([made(inputs=["turm"])])
 

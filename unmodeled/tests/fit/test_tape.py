@@ -23,7 +23,7 @@ from unmodeled import (
     library,
 )
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit import SensitivityRequest, batch, compiled, step
+from unmodeled.fit import SensitivityRequest, batch, compile, compiled, step
 from unmodeled.fit.authoring import Candidate, Jobs
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
@@ -37,7 +37,7 @@ def extension(tmp_path_factory):
     if found is None:
         if shutil.which("c++") is None and shutil.which("g++") is None:
             pytest.skip("no C++ compiler")
-        found = compiled.loaded(compiled.build(tmp_path_factory.mktemp("extension")))
+        found = compiled.loaded(compile.build(tmp_path_factory.mktemp("extension")))
     return found
 
 
@@ -476,8 +476,8 @@ def test_an_extension_of_another_version_is_told(extension, monkeypatch):
 def test_a_compiler_that_fails_is_told(monkeypatch, tmp_path):
     monkeypatch.setenv("CXX", "false")
     with pytest.raises(InvalidParameter, match=r"^false -O3 .* fails"):
-        compiled.build(tmp_path)
+        compile.build(tmp_path)
     monkeypatch.delenv("CXX")
-    monkeypatch.setattr(compiled.shutil, "which", lambda _: None)
+    monkeypatch.setattr("shutil.which", lambda _: None)
     with pytest.raises(InvalidParameter, match="no C\\+\\+ compiler: got neither CXX nor c\\+\\+"):
-        compiled.build(tmp_path)
+        compile.build(tmp_path)

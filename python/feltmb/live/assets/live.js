@@ -1144,7 +1144,7 @@ class Live {
         element("td", {class: "n"}, c.how), element("td", {}, apply(c)), element("td", {class: "hint"}, c.text));
     };
     for (const c of m.causes) row(c, true);
-    for (const c of [...m.parameters, ...m.candidates]) row(c, false);
+    for (const c of m.candidates) row(c, false);
     if (this.viewer?.stage) { this.viewer.stage.tint = m.tint; this.viewer.render(); }
     this.diagnosisBox.replaceChildren(element("h3", {}, m.verdict), element("p", {}, m.statement),
       ...m.reasons.map(text => element("p", {class: "hint"}, text)), table,

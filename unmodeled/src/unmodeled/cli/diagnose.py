@@ -129,7 +129,7 @@ def run(
         exclude=exclude,
         hold_out=held_out(hold_out, data, groups) or None,
         options=replace(options, good_enough=floors(good_enough, loaded.model.units)),
-        tell=line,
+        progress=line,
     )
     line.close()
     if as_json:
@@ -250,7 +250,7 @@ def fit(
     check_targets(file, force=force)
     loaded = load_named(model, settings, stated=stated)
     line = ProgressLine()
-    report = fit_model(loaded.model, loaded.read(data, reading), options=options, tell=line)
+    report = fit_model(loaded.model, loaded.read(data, reading), options=options, progress=line)
     line.close()
     save_text(file, report.to_json, force=force)
     if as_json:
@@ -300,7 +300,7 @@ def _print_fit(name: str, report: Report) -> None:
 # --- simulated machines --------------------------------------------------------------------------
 
 
-class _Told:
+class _CaseLine:
     """Prints each case with its withheld effect and the diagnosis, and the remaining time."""
 
     def __init__(self) -> None:
@@ -379,7 +379,7 @@ def blind(
         only=list(dict.fromkeys(only)) or None,
         hold_out=(held_out(hold_out, data, groups) if data else list(hold_out)) or None,
         options=options,
-        progress=_Told(),
+        progress=_CaseLine(),
     )
     result = found.as_dict()
     if out is not None:

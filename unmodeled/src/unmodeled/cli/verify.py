@@ -36,7 +36,7 @@ def verify(
     from unmodeled import verify
 
     line = ProgressLine()
-    found = verify(folder, model=model, seconds=seconds, tell=line)
+    found = verify(folder, model=model, seconds=seconds, progress=line)
     line.close()
     if as_json:
         rows = [asdict(r) for r in found.rows]

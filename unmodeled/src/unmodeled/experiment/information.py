@@ -304,7 +304,7 @@ class Study:
 
         if varies(problem):
             one = np.ones(len(problem.channels))
-            problem = with_variation(problem, Fitted(self.members, point(), (), one, 1.0))
+            problem = with_variation(problem, Fitted(self.members, point(), (), one))
         further = tuple(h for h in self.hypotheses if self.problem.causes[h.cause].effect)
         linears = tuple(evaluate(problem, [Ask(self.members, point(), problem.fit, further)])[0])
         if any(linear.failed for linear in linears):
@@ -363,7 +363,9 @@ class Information:
             noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
             square[i] += max(left**2 - noise**2, 0.0) / (sd.get(name) or noise or 1.0) ** 2
         random = np.array([self.read.get(n, 1.0) ** 2 for n in samples]) / number
-        return dict(zip(samples, precision(square, random) / number, strict=True))
+        return dict(
+            zip(samples, precision(square, random, self.problem.worth) / number, strict=True)
+        )
 
     def _computed(self, share: Array) -> Array:
         study, problem = self.study, self.problem

@@ -1,4 +1,4 @@
-"""A model from a right-hand side in Python, integrated for all jobs simultaneously."""
+"""A model from a right-hand side in Python, traced and integrated for all jobs together."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import System, Traces, sensitivities, simulated, untraced
+from unmodeled.fit.batch import sensitivities, simulated
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
 from unmodeled.fit.model import (
     BETWEEN,
@@ -41,6 +41,7 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
+from unmodeled.fit.traces import System, Traces, untraced
 from unmodeled.units import same_unit, to_si
 
 __all__ = [
@@ -61,8 +62,10 @@ class Equations(Model):
     Parameters
     ----------
     rates
-        ``rates(t, x, u, p)`` returns the rates in the order of the states, each a number or (B,).
-        ``x.q``, ``u.force``, ``p.mass`` are arrays with one entry per job.
+        ``rates(t, x, u, p)`` returns the rates in the order of the states. It is traced: called
+        with symbols as ``x.q``, ``u.force``, ``p.mass``, on which operators and the functions of
+        NumPy for numbers work. If it cannot be traced, it is called with arrays of all jobs, (B,),
+        or with numbers, which takes longer and is told.
     states
         Name -> unit, or ``(start, sd of the start, unit)``; with the unit alone, the start is
         unknown. Or a list of :class:`State`.

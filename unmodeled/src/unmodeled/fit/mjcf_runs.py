@@ -61,6 +61,7 @@ class _Player:
         mj = import_mujoco()
         self.model, self.data, self.stop = model, data, stop
         self.rollout = mj.rollout.Rollout(nthread=0).rollout
+        self.spec = mj.mjtState.mjSTATE_CTRL.value
         full = mj.mjtState.mjSTATE_FULLPHYSICS.value
         self.state = np.empty(mj.mj_stateSize(model, full))
         mj.mj_getState(model, data, self.state, full)
@@ -80,12 +81,20 @@ class _Player:
         while done < len(controls):
             if self.stop.is_set():
                 raise KeyboardInterrupt
-            state, read = self.rollout(
-                self.model,
-                self.data,
+            count = len(controls) - done
+            state = np.empty((1, count, self.state.size))
+            read = np.empty((1, count, self.model.nsensordata))
+            self.rollout(
+                [self.model],
+                [self.data],
                 self.state[None],
                 controls[None, done:],
+                control_spec=self.spec,
+                skip_checks=True,
+                nstep=count,
                 initial_warmstart=self.warm,
+                state=state,
+                sensordata=read,
             )
             # A warning ends a rollout: its last rows repeat the state.
             clock = np.diff(state[0, :, 0], prepend=self.state[0])
@@ -235,7 +244,8 @@ class Mjcf:
     def __call__(  # noqa: D102
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
     ) -> dict[str, Array]:
-        (found,) = self.run_all([Run("", time, dict(inputs), dict(parameters))])
+        driven = {n: inputs[n] for n in controls(self.model) if n in inputs}
+        (found,) = self.run_all([Run("", time, driven, dict(parameters))])
         return found
 
     def run_all(self, runs: Sequence[Run]) -> list[dict[str, Array]]:
@@ -314,13 +324,13 @@ class Mjcf:
                 held = table[at]
                 if self.hold == "linear":
                     held += ((part + 0.5) / parts)[:, None] * (table[at + 1] - held)
+                if at[-1] + 2 == time.size and part[-1] + 1 == parts:  # readings at the end
+                    held = np.concatenate([held, table[-1:]])
                 if not (stable and player.play(held, step)):
                     return False
-                ends, begins = part == parts - 1, part == 0
+                ends, begins = np.flatnonzero(part == parts - 1), part == 0
                 seen[at[ends] + 1, :moving] = player.motions[ends]
-                seen[at[begins], moving:] = player.sensors[begins]
-        if not player.play(table[-1:], base):
-            return False
+                seen[at[begins], moving:] = player.sensors[: part.size][begins]
         seen[-1, moving:] = player.sensors[-1]
         return True
 

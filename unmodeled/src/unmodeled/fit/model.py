@@ -42,6 +42,7 @@ __all__ = [
     "SensitivityRequest",
     "ShapeChange",
     "State",
+    "UserUnit",
     "changed_jobs",
     "changed_runs",
     "difference_offsets",
@@ -58,6 +59,19 @@ INTERPOLATION = "interpolation of inputs"
 BETWEEN = "between."
 
 EffectKind = Literal["force", "kinematic", "state", "parameter", "sensor", "input", "drift"]
+
+
+@checked
+@dataclass(frozen=True)
+class UserUnit:
+    """A further unit in which the owner of a machine knows a number: turns of a screw, grams."""
+
+    unit: str
+    """``turn``, or an SI unit, which is shown in its readable multiple."""
+    per_unit: float
+    """Number of these units in one unit of the parameter or effect."""
+    words: tuple[str, str] = ("", "")
+    """Directions of a positive and of a negative change: ("up", "down")."""
 
 
 @checked
@@ -79,6 +93,8 @@ class Parameter:
     """Name for people, as the subject of a sentence: "the hammer head"; default: the name."""
     relative: bool = False
     """Whether the value is a relative deviation from a tabulated value."""
+    user_unit: UserUnit | None = None
+    """A further unit of a change of the value; None: there is none."""
     before: Parameter | None = None
     """The parameter before a test of the part replaced its prior; None: there was no test."""
     process_sd: float = 0.0
@@ -185,6 +201,9 @@ class Effect:
     shape_zero: float = 0.0
     """Value from which the numbers of a shape have a scale: the fit changes the logarithm of their
     distance from it. Not 0 for a reading with an arbitrary zero, such as a temperature."""
+    label: str = ""
+    """Name for people: what is added ("dry friction"), or with its article what changes ("the
+    stiffness of the spring"); default: the name without the component."""
     remedy: str = ""
     """Recommended remedy."""
     lower: float = -math.inf
@@ -569,7 +588,7 @@ class Model(ABC):
         exclude: Sequence[str] | str = (),
         hold_out: Sequence[str] | str | None = None,
         options: Any = None,
-        tell: Callable[..., None] | None = None,
+        progress: Callable[..., None] | None = None,
     ) -> Any:
         """Find the effects that the model lacks: :func:`unmodeled.diagnose`.
 
@@ -582,14 +601,14 @@ class Model(ABC):
             :func:`unmodeled.candidates`.
         exclude
             Names, patterns, or components of effects that are not tested.
-        hold_out, options, tell
+        hold_out, options, progress
             As for :func:`unmodeled.diagnose`.
 
         Returns
         -------
         unmodeled.Report
         """
-        own = {"exclude": exclude, "hold_out": hold_out, "options": options, "tell": tell}
+        own = {"exclude": exclude, "hold_out": hold_out, "options": options, "progress": progress}
         return lazy_import("unmodeled.diagnosis:diagnose")(self, effects, records, **own)
 
     def fit(
@@ -597,7 +616,7 @@ class Model(ABC):
         records: Sequence[Record] | Record,
         *,
         options: Any = None,
-        tell: Callable[..., None] | None = None,
+        progress: Callable[..., None] | None = None,
     ) -> Any:
         """Fit the parameters to all records: :func:`unmodeled.fit_model`.
 
@@ -613,7 +632,7 @@ class Model(ABC):
         unmodeled.Report
         """
         return lazy_import("unmodeled.diagnosis:fit_model")(
-            self, records, options=options, tell=tell
+            self, records, options=options, progress=progress
         )
 
     def matched(self, records: Sequence[Record]) -> Ready:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data import Array
-from unmodeled.fit.tape import NAMES, TABLES, Code, Fragment, Target
+from unmodeled.fit.coordinates import Rate
+from unmodeled.fit.model import BETWEEN, difference_offsets
+from unmodeled.fit.tape import NAMES, TABLES, Code, Fragment, Target, Traced
+from unmodeled.fit.traces import Form, Key, Kind, System, Traces, own_trace, port_trace, traced_of
 
-__all__ = ["Assembly", "Program"]
+__all__ = ["Program", "program_of"]
 
 
 @dataclass(eq=False)
@@ -55,7 +58,7 @@ class Program:
     """The same as the extension reads it."""
 
 
-class Assembly:
+class _Assembly:
     """A program that is put together.
 
     Parameters
@@ -172,3 +175,237 @@ class Assembly:
             *matrices,
             tuple(blocks),
         )
+
+
+class _Builder:
+    """Puts the program of a kind together."""
+
+    def __init__(self, system: System, traces: Traces, kind: Kind):
+        self.system, self.traces, self.kind = system, traces, kind
+        base, forms = len(system.states), (*kind.included, *kind.candidates)
+        hidden = [len(f.effect.hidden) for f in forms]
+        self.smooth = base + sum(hidden[: len(kind.included)])
+        self.blocks = (self.smooth, *hidden[len(kind.included) :])
+        inputs, each = len(system.inputs), 2 if kind.between else 1
+        signals = each * (inputs + sum(map(len, kind.changes)))
+        constants = len(kind.parameters) + len(kind.included) + sum(f.numbers for f in forms)
+        constants += sum(kind.included[k].numbers for k in kind.turned)
+        ports = len(system.ports) if kind.forces else 0
+        a = self.assembly = _Assembly(sum(self.blocks), signals + ports, constants)
+        jobs, waves = iter(a.jobs), iter(a.signals)
+        self.p = {n: next(jobs) for n in kind.parameters}
+        self.sizes = [next(jobs) for _ in kind.included]
+        self.shapes = [[next(jobs) for _ in range(f.numbers)] for f in forms]
+        self.turns = [[next(jobs) for _ in range(kind.included[k].numbers)] for k in kind.turned]
+        self.bends: dict[str, int] = {}
+        self.u = {n: self._held(n, waves, self.bends) for n in system.inputs}
+        self.changes = [{n: self._held(n, waves, {}) for n in names} for names in kind.changes]
+        self.forces = list(waves)
+        first, self.rows = base, []
+        for form in forms:
+            names = [h.name for h in form.effect.hidden]
+            self.rows.append({n: first + i for i, n in enumerate(names)})
+            first += len(names)
+        self.base_rows = {n: i for i, n in enumerate(system.names)}
+        self.rate: list[list[int]] = [[] for _ in a.states]
+        self.by_state: dict[tuple[int, int], list[int]] = {}
+        self.by_column: dict[tuple[int, int], list[int]] = {}
+        starts = self.smooth if kind.by_starts else 0
+        self.by_size = len(kind.by_theta)
+        self.by_candidate = self.by_size + len(kind.included) + starts
+        self.by_change = self.by_candidate + len(kind.candidates)
+        self.by_turn = self.by_change + len(kind.changes)
+        columns = self.by_turn + len(kind.turned)
+        self.columns = columns if kind.derivatives else 0
+
+    def _held(self, name: str, waves: Iterator[int], bends: dict[str, int]) -> int:
+        """Register of an input between samples."""
+        straight = next(waves)
+        if not self.kind.between:
+            return straight
+        bends[name] = next(waves)
+        bent = self.assembly.add("multiply", self.p[BETWEEN + name], bends[name])
+        return self.assembly.add("add", straight, bent)
+
+    def program(self) -> Program:
+        """The program."""
+        own = traced_of(own_trace(self.system, self.traces))
+        at = self._registers({})
+        self._use(own, at, self.base_rows, "rate", {})
+        for k, form in enumerate(self.kind.included):
+            self._include(k, form)
+        for name, register in zip(self.system.ports, self.forces, strict=False):
+            port = port_trace(self.system, self.traces, name)
+            self._use(port, {**at, ("force",): register}, self.base_rows, "rate", {})
+        for k, form in enumerate(self.kind.candidates):
+            self._try(k, form)
+        a = self.assembly
+        rate = [a.total(r) if r else a.constant(0.0) for r in self.rate]
+        output, by_state, by_column = self._outputs(own, at, rate)
+        smooth = self.kind.derivatives or self.kind.implicit
+        return a.program(
+            rate,
+            self.by_state if smooth else {},
+            self.by_column,
+            output,
+            by_state,
+            by_column,
+            smooth=self.smooth,
+            columns=self.columns,
+            blocks=self.blocks,
+        )
+
+    def _registers(self, rows: Mapping[str, int]) -> dict[Key, int]:
+        states = self.assembly.states
+        at: dict[Key, int] = {("t",): 0}
+        at |= {("x", n): states[i] for n, i in {**self.base_rows, **rows}.items()}
+        at |= {("u", n): r for n, r in self.u.items()}
+        return at | {("p", n): r for n, r in self.p.items()}
+
+    def _columns(self) -> dict[Key, list[tuple[int, int | None]]]:
+        """Columns of the inputs of all tapes, each with the register of a factor."""
+        if not self.kind.derivatives:
+            return {}
+        out: dict[Key, list[tuple[int, int | None]]] = {}
+        for column, i in enumerate(self.kind.by_theta):
+            name = self.kind.parameters[i]
+            if not name.startswith(BETWEEN):
+                out.setdefault(("p", name), []).append((column, None))
+            elif self.kind.between:
+                own = name.removeprefix(BETWEEN)
+                out.setdefault(("u", own), []).append((column, self.bends[own]))
+        for column, changed in enumerate(self.changes, self.by_change):
+            for name, register in changed.items():
+                out.setdefault(("u", name), []).append((column, register))
+        return out
+
+    def _use(
+        self,
+        traced: Traced,
+        at: Mapping[Key, int],
+        rows: Mapping[str, int],
+        what: str,
+        further: Mapping[Key, list[tuple[int, int | None]]],
+    ) -> dict[tuple[int, Any], int]:
+        """Add the values of a tape to the rates, or return its outputs, with derivatives."""
+        part = "rates" if what == "rate" else "shown"
+        columns = {**self._columns(), **further}
+        wanted: list[Target] = []
+        derive = self.kind.derivatives or (self.kind.implicit and what == "rate")
+        for target in traced.values:
+            if target[0] == what:
+                wanted.append((target, None))
+                if derive:
+                    wanted += [
+                        (target, k) for k in traced.keys(target) if k[0] == "x" or k in columns
+                    ]
+        got = self.assembly.place(traced.fragment(wanted), at, part)
+        values: dict[tuple[int, Any], int] = {}
+        for ((_, name), key), register in got.items():
+            row = rows[name]
+            if key is None:
+                values[row, None] = register
+                if what == "rate":
+                    self.rate[row].append(register)
+            elif key[0] == "x":
+                place = at[key] - 1
+                values[row, ("x", place)] = register
+                if what == "rate":
+                    self.by_state.setdefault((row, place), []).append(register)
+            for column, factor in columns.get(key, ()) if key is not None else ():
+                own = register
+                if factor is not None:
+                    own = self.assembly.add("multiply", register, factor, part=part)
+                values[row, ("column", column)] = own
+                if what == "rate":
+                    self.by_column.setdefault((row, column), []).append(own)
+                else:
+                    self.shown_columns.setdefault((row, column), []).append(own)
+        return values
+
+    def _include(self, k: int, form: Form) -> None:
+        """Add an included effect."""
+        at = self._registers(self.rows[k])
+        at["size",] = self.sizes[k]
+        at |= {("shape", m): r for m, r in enumerate(self.shapes[k])}
+        further: dict[Key, list[tuple[int, int | None]]] = {}
+        if self.kind.derivatives:
+            further["size",] = [(self.by_size + k, None)]
+            for c, (effect, turns) in enumerate(zip(self.kind.turned, self.turns, strict=True)):
+                for m, register in enumerate(turns):
+                    if effect == k:
+                        own = further.setdefault(("shape", m), [])
+                        own.append((self.by_turn + c, register))
+        traced = traced_of(self.traces.effects[form.effect, form.text])
+        self._use(traced, at, {**self.base_rows, **self.rows[k]}, "rate", further)
+
+    def _try(self, k: int, form: Form) -> None:
+        """Add the derivative by the magnitude of a candidate at zero, and its hidden states."""
+        place, a = len(self.kind.included) + k, self.assembly
+        at = self._registers(self.rows[place])
+        at |= {("shape", m): r for m, r in enumerate(self.shapes[place])}
+        zero = {**at, ("size",): a.constant(0.0)}
+        traced = traced_of(self.traces.effects[form.effect, form.text])
+        rows, column = self.rows[place], self.by_candidate + k
+        hidden: list[Target] = [(t, None) for t in traced.values if t[1] in rows]
+        if self.kind.implicit:
+            hidden += [(t, i) for t, _ in hidden for i in traced.keys(t) if i[0] == "x"]
+        pushed = [t for t in traced.values if t[1] in self.base_rows]
+        by_size: list[Target] = [(t, ("size",)) for t in pushed]
+        linear = not traced.depends(by_size, ("size",))
+        got = a.place(traced.fragment([*hidden, *by_size] if linear else hidden), zero)
+        for ((_, name), key), register in got.items():
+            if key == ("size",):
+                self.by_column.setdefault((self.base_rows[name], column), []).append(register)
+            elif key is None:
+                self.rate[rows[name]].append(register)
+            else:
+                self.by_state.setdefault((rows[name], zero[key] - 1), []).append(register)
+        if linear:
+            return
+        effect = form.effect
+        for size, weight in difference_offsets(0.0, effect.step * effect.scale, *effect.bounds):
+            own = {**at, ("size",): a.constant(size)}
+            got = a.place(traced.fragment([(t, None) for t in pushed]), own)
+            for ((_, name), _), register in got.items():
+                term = a.add("multiply", register, a.constant(weight))
+                self.by_column.setdefault((self.base_rows[name], column), []).append(term)
+
+    def _outputs(
+        self, own: Traced, at: Mapping[Key, int], rate: Sequence[int]
+    ) -> tuple[list[int], dict[tuple[int, int], list[int]], dict[tuple[int, int], list[int]]]:
+        """Registers of the outputs, and their derivatives by states and columns."""
+        places = {n: o for o, n in enumerate(self.system.outputs)}
+        self.shown_columns: dict[tuple[int, int], list[int]] = {}
+        by_state: dict[tuple[int, int], list[int]] = {}
+        found = self._use(own, at, places, "output", {})
+        out: list[int] = []
+        one = self.assembly.constant(1.0)
+        for o, of in enumerate(self.system.outputs.values()):
+            if isinstance(of, str):
+                i = self.base_rows[of]
+                out.append(self.assembly.states[i])
+                by_state[o, i] = [one]
+            elif isinstance(of, Rate):
+                i = self.base_rows[of.state]
+                out.append(rate[i])
+                if self.kind.derivatives:
+                    rows = ((self.by_state, by_state), (self.by_column, self.shown_columns))
+                    for entries, target in rows:
+                        target |= {(o, k): r for (row, k), r in entries.items() if row == i}
+            else:
+                out.append(found[o, None])
+        for (o, key), register in found.items():
+            if key is not None and key[0] == "x":
+                by_state.setdefault((o, key[1]), []).append(register)
+        if not self.kind.derivatives:
+            return out, {}, {}
+        return out, by_state, self.shown_columns
+
+
+def program_of(system: System, traces: Traces, kind: Kind) -> Program:
+    """The program of a kind of simulations."""
+    if kind not in traces.programs:
+        traces.programs[kind] = _Builder(system, traces, kind).program()
+    found: Program = traces.programs[kind]
+    return found

@@ -356,9 +356,10 @@ class Simulator(Model):
         if jitter > 1e-12:
             notes.append("two runs with the same arguments differ: seed its random numbers")
         if dead:
+            known = hasattr(self._function, "notices")  # the names of a file are right
             notes.append(
-                f"{', '.join(dead)} changes no output of record {record.name}: is it misspelled in "
-                "the function?"
+                f"{', '.join(dead)} changes no output of record {record.name}"
+                f"{'' if known else ': is it misspelled in the function?'}"
             )
         return steps, notes
 

@@ -35,61 +35,84 @@ enum Code : std::int32_t {
 
 }  // namespace
 
-// The same structs are in step.py.
+namespace {
 
-extern "C" {
+// Reads the numbers and places that compiled.py has put into two lists, in their order.
+struct Reader {
+  const std::int64_t* numbers;
+  void* const* places;
+
+  void read(std::int64_t& to) { to = *numbers++; }
+  template <typename T>
+  void read(T*& to) {
+    to = static_cast<T*>(*places++);
+  }
+  template <typename... Fields>
+  void all(Fields&... fields) {
+    (read(fields), ...);
+  }
+};
 
 struct Operations {
-  const std::int32_t* rows;  // (code, register, three arguments)
   std::int64_t count;
+  const std::int32_t* rows;  // (code, register, three arguments)
+};
+
+struct Entries {
+  std::int64_t count;
+  const std::int32_t* rows;  // (row, column, register), or registers alone
 };
 
 struct Program {
-  std::int64_t states, smooth, columns, signals, constants_of_jobs, registers;
-  std::int64_t constants;
+  std::int64_t states, smooth, columns, signals, constants_of_jobs, registers, constants;
   const std::int32_t* constant_places;
   const double* constant_values;
   Operations once, rates, shown;
   const std::int64_t* table_sizes;
   const double* const* tables;  // knots, then values
-  const std::int32_t* rate;
-  std::int64_t by_states;
-  const std::int32_t* by_state;
-  std::int64_t by_columns;
-  const std::int32_t* by_column;
-  std::int64_t outputs;
-  const std::int32_t* output;
-  std::int64_t output_by_states;
-  const std::int32_t* output_by_state;
-  std::int64_t output_by_columns;
-  const std::int32_t* output_by_column;
+  Entries rate, by_state, by_column, output, output_by_state, output_by_column;
   std::int64_t blocks;
   const std::int64_t* block_sizes;
+
+  explicit Program(Reader& r) {
+    r.all(states, smooth, columns, signals, constants_of_jobs, registers);
+    r.all(constants, constant_places, constant_values);
+    for (Operations* o : {&once, &rates, &shown}) r.all(o->count, o->rows);
+    r.all(table_sizes, tables);
+    for (Entries* e : {&rate, &by_state, &by_column, &output, &output_by_state, &output_by_column})
+      r.all(e->count, e->rows);
+    r.all(blocks, block_sizes);
+  }
 };
 
 struct Method {
   std::int64_t stages, substeps;
-  const double *inner, *carried, *weights;
+  const double *inner, *carried, *weights, *implicit;
   const std::int64_t* instants;
   double gamma;
+
+  explicit Method(Reader& r) {
+    r.all(stages, substeps, inner, carried, weights, implicit, instants);
+    gamma = *implicit;
+  }
 };
 
 struct Lanes {
   std::int64_t count;
-  const std::int64_t* samples;        // by lane
-  const double* const* times;         // by lane
-  const double* const* signals;       // by lane: (samples, 2 substeps + 1, signals)
-  const double* constants;            // (constants of jobs, lanes)
-  const double* starts;               // (states, lanes)
-  const double* seeds;                // (smooth, columns)
-  double* const* outputs;             // by lane: (samples, outputs)
-  double* const* derivatives;         // by lane: (samples, outputs, columns)
-  double* const* states;              // by lane: (samples, states)
+  const std::int64_t* samples;    // by lane
+  const double* const* times;     // by lane
+  const double* const* signals;   // by lane: (samples, 2 substeps + 1, signals)
+  const double *constants;        // (constants of jobs, lanes)
+  const double *starts;           // (states, lanes)
+  const double *seeds;            // (smooth, columns)
+  double* const* outputs;         // by lane: (samples, outputs)
+  double* const* derivatives;     // by lane: (samples, outputs, columns)
+  double* const* paths;           // by lane: (samples, states)
+
+  explicit Lanes(Reader& r) {
+    r.all(count, samples, times, signals, constants, starts, seeds, outputs, derivatives, paths);
+  }
 };
-
-}  // extern "C"
-
-namespace {
 
 double interpolated(double x, std::int64_t n, const double* knots) {
   const double* values = knots + n;
@@ -241,36 +264,36 @@ INLINE void Block<W, Wide>::show(const Lanes& lanes, const std::int64_t* lane, s
                            std::int64_t j) {
   operate(p_.shown);
   const std::int64_t columns = p_.columns;
-  for (std::int64_t o = 0; o < p_.outputs; ++o) {
-    const double* y = reg(p_.output[o]);
+  for (std::int64_t o = 0; o < p_.output.count; ++o) {
+    const double* y = reg(p_.output.rows[o]);
     for (std::int64_t w = 0; w < count; ++w)
-      if (j < lanes.samples[lane[w]]) lanes.outputs[lane[w]][j * p_.outputs + o] = y[w];
+      if (j < lanes.samples[lane[w]]) lanes.outputs[lane[w]][j * p_.output.count + o] = y[w];
     if (columns == 0) continue;
     double* __restrict row = row_.data();
     std::fill(row_.begin(), row_.end(), 0.0);
-    for (std::int64_t n = 0; n < p_.output_by_states; ++n) {
-      const std::int32_t* entry = p_.output_by_state + 3 * n;
+    for (std::int64_t n = 0; n < p_.output_by_state.count; ++n) {
+      const std::int32_t* entry = p_.output_by_state.rows + 3 * n;
       if (entry[0] != o || entry[1] >= p_.smooth) continue;
       const double* share = reg(entry[2]);
       const double* s = s_.data() + entry[1] * columns * W;
       for (std::int64_t k = 0; k < columns; ++k) EACH row[k * W + w] += share[w] * s[k * W + w];
     }
-    for (std::int64_t n = 0; n < p_.output_by_columns; ++n) {
-      const std::int32_t* entry = p_.output_by_column + 3 * n;
+    for (std::int64_t n = 0; n < p_.output_by_column.count; ++n) {
+      const std::int32_t* entry = p_.output_by_column.rows + 3 * n;
       if (entry[0] != o) continue;
       const double* own = reg(entry[2]);
       EACH row[entry[1] * W + w] += own[w];
     }
     for (std::int64_t w = 0; w < count; ++w) {
       if (j >= lanes.samples[lane[w]]) continue;
-      double* out = lanes.derivatives[lane[w]] + (j * p_.outputs + o) * columns;
+      double* out = lanes.derivatives[lane[w]] + (j * p_.output.count + o) * columns;
       for (std::int64_t k = 0; k < columns; ++k) out[k] = row[k * W + w];
     }
   }
   for (std::int64_t w = 0; w < count; ++w)
-    if (lanes.states[lane[w]] && j < lanes.samples[lane[w]])
+    if (j < lanes.samples[lane[w]])
       for (std::int64_t i = 0; i < p_.states; ++i)
-        lanes.states[lane[w]][j * p_.states + i] = x_[i * W + w];
+        lanes.paths[lane[w]][j * p_.states + i] = x_[i * W + w];
 }
 
 // Factor the diagonal blocks of the matrix, each with its own row exchanges.
@@ -381,15 +404,15 @@ INLINE void Block<W, Wide>::run(const Lanes& lanes, std::int64_t first, std::int
         if (stage == 0 && m_.gamma != 0.0) {
           std::fill(matrix_.begin(), matrix_.end(), 0.0);
           for (std::int64_t i = 0; i < states; ++i) EACH matrix_[(i * states + i) * W + w] = 1.0;
-          for (std::int64_t n = 0; n < p_.by_states; ++n) {
-            const std::int32_t* e = p_.by_state + 3 * n;
+          for (std::int64_t n = 0; n < p_.by_state.count; ++n) {
+            const std::int32_t* e = p_.by_state.rows + 3 * n;
             const double* value = reg(e[2]);
             EACH matrix_[(e[0] * states + e[1]) * W + w] -= m_.gamma * h[w] * value[w];
           }
           factor();
         }
         for (std::int64_t i = 0; i < states; ++i) {
-          const double* value = reg(p_.rate[i]);
+          const double* value = reg(p_.rate.rows[i]);
           EACH k[i * W + w] = value[w];
           for (std::int64_t l = 0; l < stage; ++l)
             if (carried[l] != 0.0)
@@ -411,16 +434,16 @@ INLINE void Block<W, Wide>::run(const Lanes& lanes, std::int64_t first, std::int
         for (std::int64_t i = 0; i < p_.smooth * columns; ++i)
           EACH inner[i * W + w] = s_[i * W + w] + (parts ? h[w] * inner[i * W + w] : 0.0);
         std::fill(d, d + slopes, 0.0);
-        for (std::int64_t n = 0; n < p_.by_states; ++n) {
-          const std::int32_t* e = p_.by_state + 3 * n;
+        for (std::int64_t n = 0; n < p_.by_state.count; ++n) {
+          const std::int32_t* e = p_.by_state.rows + 3 * n;
           if (e[0] >= p_.smooth || e[1] >= p_.smooth) continue;
           const double* share = reg(e[2]);
           double* __restrict row = d + e[0] * width;
           const double* from = inner + e[1] * width;
           for (std::int64_t c = 0; c < columns; ++c) EACH row[c * W + w] += share[w] * from[c * W + w];
         }
-        for (std::int64_t n = 0; n < p_.by_columns; ++n) {
-          const std::int32_t* e = p_.by_column + 3 * n;
+        for (std::int64_t n = 0; n < p_.by_column.count; ++n) {
+          const std::int32_t* e = p_.by_column.rows + 3 * n;
           if (e[0] >= p_.smooth) continue;
           const double* value = reg(e[2]);
           EACH d[e[0] * width + e[1] * W + w] += value[w];
@@ -469,12 +492,16 @@ __attribute__((target("avx2"))) void with_avx2(const Program& p, const Method& m
 
 }  // namespace
 
-// Version of the structs, and number of the operations.
-EXPORT std::int64_t tape_version() { return 100 * 1 + codes; }
+// Version of the lists, and number of the operations.
+EXPORT std::int64_t tape_version() { return 100 * 2 + codes; }
 
-EXPORT void tape_run(const Program* p, const Method* m, const Lanes* lanes) {
+EXPORT void tape_run(const std::int64_t* numbers, void* const* places) {
+  Reader reader{numbers, places};
+  const Program program(reader);
+  const Method method(reader);
+  const Lanes lanes(reader);
 #if defined(HAS_WIDE)
-  if (__builtin_cpu_supports("avx2")) return with_avx2(*p, *m, *lanes);
+  if (__builtin_cpu_supports("avx2")) return with_avx2(program, method, lanes);
 #endif
-  any_width<false>(*p, *m, *lanes);
+  any_width<false>(program, method, lanes);
 }

@@ -16,6 +16,7 @@ import numpy as np
 from unmodeled.data import Record
 from unmodeled.fit import Effect
 from unmodeled.library.balance import for_force_balance, speed_of
+from unmodeled.library.bouc_wen import bouc_wen
 from unmodeled.library.forces import (
     Part,
     Scales,
@@ -27,6 +28,7 @@ from unmodeled.library.forces import (
     dry_friction_asymmetry,
     end_stop,
     hysteresis,
+    load_friction,
     makers,
     offset_force,
     polynomial_stiffness,
@@ -49,6 +51,7 @@ from unmodeled.library.levels import (
     leak,
     overflow,
     power_outflow,
+    second_store,
 )
 from unmodeled.library.sensors import (
     clock_rate,
@@ -63,6 +66,7 @@ from unmodeled.library.sensors import (
 __all__ = [
     "backlash",
     "bent_input",
+    "bouc_wen",
     "clock_rate",
     "constant_rate",
     "creep",
@@ -82,6 +86,7 @@ __all__ = [
     "hysteresis",
     "lag_input",
     "leak",
+    "load_friction",
     "offset_force",
     "offset_input",
     "overflow",
@@ -89,6 +94,7 @@ __all__ = [
     "power_outflow",
     "quadratic_friction",
     "saturation_input",
+    "second_store",
     "sensor_bend",
     "sensor_delay",
     "sensor_gain",

@@ -20,7 +20,9 @@ from unmodeled.library import (
     for_input,
     for_sensor,
     leak,
+    load_friction,
     power_outflow,
+    second_store,
 )
 from unmodeled.units import same_unit
 
@@ -172,6 +174,12 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             speed=pace,
             time=travel / pace,
         )
+        for name in model.inputs:
+            unit = model.units.get(name) or next(
+                (r.input_units.get(name, "") for r, _ in paths), ""
+            )
+            if unit and unit != "1" and same_unit(unit, c.unit):
+                yield load_friction(c, name, speed=pace)
     for state in (s for s in states if s.name not in used):
         levels = [x[state.name] for x in named]
         values = np.concatenate(levels)
@@ -181,6 +189,10 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
         if values.min() >= 0.0:
             unit = "1/s" if state.unit == "1" else f"1/({state.unit} s)"
             yield power_outflow(state.name, 2.0, scale=rate / size**2, unit=unit)
+        slow = float(np.median([t[-1] - t[0] for t in times]))
+        yield second_store(
+            state.name, scale=10.0 * rate / size, size=size, times=(0.03 * slow, 0.3 * slow)
+        )
         yield from _exchanges(model, state, paths, values, rate)
 
 

@@ -119,6 +119,36 @@ def dry_friction_along(c: Part, *, scale: float, speed: float) -> Effect:
     )
 
 
+def load_friction(c: Part, load: str, *, speed: float) -> Effect:
+    """Coulomb friction in proportion to a transmitted load: ``F = mu |load| tanh(v / v_0)``.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    load
+        Input of the model in the unit of the coordinate: the force or torque that a gear transmits.
+    speed
+        Typical speed, from which values of the threshold speed follow.
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, v0: Any) -> Mapping[str, Array]:
+        _, v = c._motion(x)
+        return c._push(-size * np.abs(u[load]) * np.tanh(v / v0), t, x, u, p)
+
+    return Effect(
+        name=f"friction by {load} {c.name}",
+        component=c.name,
+        scale=0.05,
+        sign=1,
+        mechanism=f"Friction grows with the load {load} that is transmitted.",
+        shapes=(0.003 * speed, 0.03 * speed),
+        shape_names=(f"threshold speed [{c.travel_unit}/s]",),
+        remedy="Use a friction in proportion to the load (the efficiency of a gear).",
+        rate=rate,
+    )
+
+
 def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
     """Stribeck excess at low speed: F = F_s exp(-(v / v_s)^2) tanh(v / v_0).
 

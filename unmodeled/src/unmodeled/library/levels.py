@@ -10,7 +10,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit import Effect, Named
+from unmodeled.fit import Effect, Named, State
 
 
 @checked
@@ -166,4 +166,40 @@ def constant_rate(state: str, *, scale: float, unit: str) -> Effect:
         mechanism="Something flows in (or out) all the time.",
         remedy="Add the constant flow.",
         rate=lambda t, x, u, p, size, shape: {state: size + 0.0 * x[state]},
+    )
+
+
+@checked
+def second_store(state: str, *, scale: float, size: float, times: Sequence[float]) -> Effect:
+    """A hidden store behind a state: dx/dt gains magnitude (w - x), dw/dt = (x - w) / tau.
+
+    Parameters
+    ----------
+    state
+        State with a store behind it, such as the air of a room before its walls.
+    scale
+        Rate of the exchange that one would expect [1/s].
+    size
+        Typical value of the state [its unit], near which the store begins a record.
+    times
+        Time constants tau of the store that are tried [s].
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
+        apart = x[state] - x["store.level"]
+        return {state: -size * apart, "store.level": apart / tau}
+
+    return Effect(
+        name=f"second store {state}",
+        component=state,
+        unit="1/s",
+        scale=scale,
+        sign=1,
+        kind="state",
+        mechanism=f"Behind {state} is another store, with which it exchanges.",
+        shapes=tuple(times),
+        shape_names=("time [s]",),
+        remedy="Add a second store to the model.",
+        hidden=(State(name="store.level", hidden=True, scale=size),),
+        rate=rate,
     )

@@ -1,6 +1,6 @@
 """The report of a diagnosis: all sentences, as text, as an HTML page, and as files.
 
-The first screen says what the model misses, what explains it, what is left, and what to do. Numbers
+The first screen says what changes, what that takes away, what is left, and what to do. Numbers
 for specialists are in the tables of details, which follow.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -21,14 +21,24 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.files import make_folder, write_text
 from unmodeled.fit.model import Candidate, Effect, Model
-from unmodeled.report.figures import correlation, residuals, svg, waterfall
+from unmodeled.report.figures import correlation, residual_force, residuals, svg, waterfall
+from unmodeled.report.words import (
+    clause,
+    interval,
+    joined,
+    number,
+    part,
+    percent,
+    scale,
+    size_in,
+    tabulated,
+    times_noise,
+)
 from unmodeled.search.compare import simulated
 from unmodeled.search.records import same_number
 from unmodeled.search.result import (
     Cell,
-    Channel,
-    Named,
-    ParameterValue,
+    Change,
     Place,
     Reason,
     Result,
@@ -46,11 +56,13 @@ if TYPE_CHECKING:
 __all__ = ["Explained", "Report", "explained_model", "render_page"]
 
 #: Words of reasons that a user must know beside the verdict.
-TOLD = {
+REASONS = {
     Reason.NOISE_NOT_STATED: "No noise of a sensor is stated; it is taken from what the model "
     "leaves, as far as neighboring samples do not share it.",
     Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
+    Reason.NOT_NEEDED: "A probable cause is not named{needless}: its interval contains zero, it is at a "
+    "limit, the set without it was not fitted, or the held-out records refuse it.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",
@@ -64,17 +76,18 @@ VERDICTS = {
     Verdict.CALIBRATED: "Calibrated",
     Verdict.NAMED: "Named",
     Verdict.ONE_OF: "One of several",
+    Verdict.SUPPORTED: "Supported",
     Verdict.UNKNOWN: "Unknown",
 }
 #: Largest multiple of the noise that counts as the noise, and multiple of its standard deviation
-#: from which a delay is told.
-NOISE, LATE = 1.3, 4.0
+#: from which a delay is reported.
+NOISE, DELAYED = 1.3, 4.0
 #: Correlation above which two unknowns are hardly separated [1].
-TOGETHER = 0.95
-#: Largest share that remains with an action at a place that is told [1].
+SEPARATED = 0.95
+#: Largest share that remains with an action at a place that is reported [1].
 USEFUL = 0.8
-#: Largest numbers of parameters on the first screen, of rows of a table, and of next steps.
-PARAMETERS, ROWS, STEPS = 6, 8, 3
+#: Largest numbers of changes in the first sentence, of rows of a table, and of next steps.
+HEADLINE, ROWS, STEPS = 2, 8, 3
 
 
 @dataclass(frozen=True)
@@ -89,102 +102,37 @@ class _Section:
     rows: Sequence[Sequence[str]] = ()
 
 
-# ---------------------------------------------------------------- numbers and lists
-
-
-def _number(value: float, uncertainty: float = 0.0) -> str:
-    """A number with the digits that its uncertainty supports: two of the uncertainty."""
-    if not math.isfinite(value):
-        return "-"
-    if not math.isfinite(uncertainty) or uncertainty <= 0.0:
-        return f"{value:.4g}"
-    places = 1 - math.floor(math.log10(uncertainty))
-    value = round(value, places) + 0.0  # no negative zero
-    return f"{value:.{places}f}" if 0 <= places <= 6 else f"{value:.6g}"
-
-
-def _interval(x: Named | ParameterValue) -> str:
-    """Value with its unit and 95 % interval."""
-    value = x.magnitude if isinstance(x, Named) else x.value
-    factor, unit = _scale(x)
-    low, middle, high = (
-        _number(factor * v, 0.5 * factor * (x.high - x.low)) for v in (x.low, value, x.high)
-    )
-    return f"{middle}{unit} ({low} to {high})"
-
-
-def _scale(x: Named | ParameterValue) -> tuple[float, str]:
-    """Factor and unit in which a value is told, the unit with a space before it."""
-    if isinstance(x, ParameterValue) and x.relative:
-        return 100.0, " %"
-    factor, unit = readable_unit(max(abs(x.low), abs(x.high)), x.unit)
-    return factor, "" if unit == "1" else f" {unit}"
-
-
-def _tabulated(p: ParameterValue) -> str:
-    factor, unit = _scale(p)
-    return f"{_number(factor * p.tabulated)}{unit}"
-
-
-def _size(value: float, unit: str) -> str:
-    factor, name = readable_unit(value, unit)
-    return f"{float(f'{factor * value:.3g}'):.6g}{'' if name == '1' else f' {name}'}"
-
-
-def _tolerances(p: ParameterValue) -> str:
-    return f"{float(f'{p.tolerances:.2g}'):g} tolerances"
-
-
-def _percent(value: float) -> str:
-    return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
-
-
-def _part(c: Channel, residual: float) -> str:
-    """A residual as a share of the motion, or in its unit if nothing moves."""
-    return _percent(c.share(residual)) if c.motion > 0.0 else _size(residual, c.unit)
-
-
-def _times(c: Channel) -> str:
-    """What remains as a multiple of the noise of the sensor; empty: it is not known."""
-    return (
-        "" if math.isnan(c.noise) else f"{float(f'{c.explained / c.noise:.2g}'):g} times the noise"
-    )
-
-
-def _name(n: Named) -> str:
-    return f"{n.cause} outside its tolerance" if n.parameter else n.cause
-
-
-def _listed(words: Sequence[str], last: str = "and") -> str:
-    return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
-
-
 # ---------------------------------------------------------------- what a user reads first
 
 
 def _statement(result: Result) -> str:
-    """What the model misses, what takes it away, what remains, and whether that matters."""
+    """The first changes, what all of them take away, what remains, and whether that matters."""
     c = result.worst
-    tabulated, calibrated = (_part(c, v) for v in (c.tabulated, c.calibrated))
-    misses = f"The model misses {tabulated} of the motion of {c.name}"
-    if not math.isfinite(c.tabulated):
-        misses = f"The tabulated model fails. With fitted parameters, it misses {calibrated} of the"
-        misses += f" motion of {c.name}"
-    elif c.calibrated < 0.9 * c.tabulated:
-        misses += f", and {calibrated} with fitted parameters"
-    told = [f"{_name(n)} of {_interval(n)}" for n in result.named]
-    told += [f"one of {_listed([_name(n) for n in g], 'or')}" for g in result.classes]
-    told += ["what is not named"] if _unnamed(result) else []
-    takes = "takes" if len(told) == 1 else "take"
-    other = "other " if result.off else ""
-    found = {
-        Verdict.NO_GAP: ": there is no gap",
-        Verdict.CALIBRATED: f". No {other}cause is missing"
-        if result.complete
-        else f". No {other}cause was found before the search ended",
-        Verdict.UNKNOWN: _unexplained(result),
-    }.get(result.verdict, f". {_listed(told)} {takes} it to {_part(c, c.explained)}")
-    return f"{_off(result)}{misses}{found}. {_remains(result)}"
+    before, fitted, after = (part(c, v) for v in (c.tabulated, c.calibrated, c.explained))
+    if math.isfinite(c.tabulated):
+        misses = f"the model misses {before} of the motion of {c.name}"
+        misses += f", and {fitted} with fitted parameters" * (c.calibrated < 0.9 * c.tabulated)
+    else:
+        misses = f"the tabulated model fails; with fitted parameters, it misses {fitted} of the "
+        misses += f"motion of {c.name}"
+    if result.verdict is Verdict.UNKNOWN:
+        first = f"The cause is not known: {misses}. {_unexplained(result)}."
+    elif result.changes:
+        told = [clause(x) for x in result.changes[:HEADLINE]]
+        rest = len(result.changes) - len(told)
+        told += [f"make {rest} more change{'s' * (rest > 1)}"] if rest else []
+        told += ["add what is not named"] if _unnamed(result) else []
+        those = "this reduces" if len(told) == 1 else "together they reduce"
+        found = f"from {before} " if math.isfinite(c.tabulated) else ""
+        first = f"{joined(told, ', and').replace(' , and', ', and')}: {those} the residual of "
+        first = f"{first[:1].upper()}{first[1:]}{c.name} {found}to {after} of its motion."
+    elif result.named or result.classes:
+        first = f"What was found takes away less than what matters: {misses}."
+    elif result.complete:
+        first = f"No cause is missing: {misses}."
+    else:
+        first = f"No cause was found before the search ended: {misses}."
+    return f"{first} {_remains(result)}"
 
 
 def _unexplained(result: Result) -> str:
@@ -192,16 +140,16 @@ def _unexplained(result: Result) -> str:
     untried = _untried(result)
     tried = any(s.causes for s in result.sets) or len(result.not_tried) < result.causes
     if untried and not tried:
-        return f". It is not judged why: {untried}"
+        return f"It is not judged why: {untried}"
     if result.refused:
         it = "it has" if len(result.refused) == 1 else "they have"
         return (
-            f". What would explain most of it is refused ({_listed(result.refused)}): {it} another "
+            f"What would explain most of it is refused ({joined(result.refused)}): {it} another "
             "magnitude in each record"
         )
     if not tried:
-        return ". No cause was tried"
-    return f". No cause that was tried explains it{f'; {untried}' if untried else ''}"
+        return "No cause was tried"
+    return f"No cause that was tried explains it{f'; {untried}' if untried else ''}"
 
 
 def _untried(result: Result) -> str:
@@ -218,62 +166,69 @@ def _seconds(result: Result) -> str:
     return f"{float(f'{result.needed:.2g}'):g} s"
 
 
-def _off(result: Result) -> str:
-    """The parameters that are an answer."""
-    told = []
-    for p in result.off[:PARAMETERS]:
-        change = p.value - p.tabulated
-        size = _size(100.0 * abs(change), "%") if p.relative else _size(abs(change), p.unit)
-        sign = "+" if change > 0.0 else "-"
-        title = f"The{p.title[3:]}" if p.title[:4].lower() == "the " else f"The parameter {p.title}"
-        told.append(f"{title} is off by {sign}{size}, {_tolerances(p)}. ")
-    return "".join(told)
-
-
 def _remains(result: Result) -> str:
     material = [c for c in result.channels if c.material]
     if not material:
         c = result.worst
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
-        return f"The rest, {_times(c) or _part(c, c.explained)}, does not matter."
+        return f"The rest, {times_noise(c) or part(c, c.explained)}, does not matter."
     c = max(material, key=lambda c: c.explained / c.limit)
     more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
-    enough = _part(c, c.limit)
+    enough = part(c, c.limit)
     return (
-        f"The rest matters: {_part(c, c.explained)} of {c.name}{more}"
-        f"{', ' * bool(_times(c))}{_times(c)}; {enough} would be good enough."
+        f"The rest matters: {part(c, c.explained)} of {c.name}{more}"
+        f"{', ' * bool(times_noise(c))}{times_noise(c)}; {enough} would be good enough."
     )
 
 
 def _unnamed(result: Result) -> list[str]:
-    """Causes that are a part of the fit, but are not told."""
-    told = {n.cause for g in (result.named, *result.classes) for n in g}
-    return [name for name in result.told if name not in told]
+    """Causes that are a part of the fit, but are not reported."""
+    reported = {n.cause for g in (result.named, *result.classes, result.supported) for n in g}
+    return [name for name in result.reported if name not in reported]
 
 
-def _missing(result: Result) -> _Section:
-    which = f" ({_listed(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
-    which = f" ({_listed(result.refused)})" if result.refused else which
-    lines = [TOLD[r].format(which=which) for r in result.reasons if r in TOLD]
-    items = []
-    for n in result.named:
-        item = f"{_name(n)} [{n.component}]: {_interval(n)}"
-        if len(n.by_record) > 1:
-            factor, _ = _scale(n)
-            each = [_number(factor * v, 0.5 * factor * (n.high - n.low)) for v in n.by_record]
-            item += f"; in each record {', '.join(each)}"
-        numbers = n.shape if isinstance(n.shape, tuple) else (n.shape,)
-        for name, value in zip(n.shape_names, numbers, strict=False):
-            item += f"; {name} {value if isinstance(value, str) else f'{value:.3g}'}"
-        items.append(item + (f". {n.mechanism}" if n.mechanism else ""))
-    for group in result.classes:
-        members = [f"{_name(n)} [{n.component}] of {_interval(n)}" for n in group]
-        items.append(f"One of these, which the records do not tell apart: {_listed(members, 'or')}")
-    if result.verdict is Verdict.UNKNOWN and (best := _probabilities(result)[:2]):
-        tested = _listed([f"{name} ({_percent(p)})" for name, p in best])
-        lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
-    return _Section("What is missing", lines, items)
+def _changes(result: Result) -> _Section:
+    """The list of changes, with what a reader must know beside it."""
+    which = f" ({joined(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
+    which = f" ({joined(result.refused)})" if result.refused else which
+    needless = f" ({joined(result.not_needed)})" if result.not_needed else ""
+    lines = [
+        REASONS[r].format(which=which, needless=needless) for r in result.reasons if r in REASONS
+    ]
+    if result.verdict is Verdict.UNKNOWN:
+        lines.append("The fitted parameters (see details) may imitate what is not known.")
+        if best := _probabilities(result)[:2]:
+            tested = joined([f"{name} ({percent(p)})" for name, p in best])
+            lines.append(f"Nothing is named. Most probable of those tested: {tested}.")
+    elif not (result.changes or any(p.moved for p in result.parameters)) and result.parameters:
+        lines.append("All tabulated values are inside the 95 % intervals.")
+    return _Section("Changes", lines, [_item(c) for c in result.changes])
+
+
+def _item(c: Change) -> str:
+    """A line of the list: what changes, how sure, what it takes away, in each record."""
+    text = clause(c)
+    notes = [text[:1].upper() + text[1:]]
+    if c.within is not None:
+        notes.append(f"{'within' if c.within else 'outside'} its tolerance")
+    if c.tier == "supported":
+        notes.append("whether it is the cause is not sure: another law could do the same")
+    if c.tier == "named":
+        sure = f"{100.0 * c.probability:.0f}"
+        notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
+    if not math.isnan(c.takes):
+        where = " (held-out records)" if c.held_out else ""
+        left = f"{percent(c.before)} of the motion of {c.channel}"
+        notes.append(f"without it, {left} is left instead of {percent(c.after)}{where}")
+    if len(c.by_record) > 1:
+        factor, _ = scale(c.low, c.high, c.unit, relative=c.relative)
+        each = [number(factor * v, 0.5 * factor * (c.high - c.low)) for v in c.by_record]
+        notes.append(f"in each record {', '.join(each)}")
+    numbers = c.shape if isinstance(c.shape, tuple) else (c.shape,)
+    for name, value in zip(c.shape_names, numbers, strict=False):
+        notes.append(f"{name} {value if isinstance(value, str) else f'{value:.3g}'}")
+    return "; ".join(notes) + (f". {c.mechanism}" if c.mechanism else "")
 
 
 def _probabilities(result: Result, least: float = 0.01) -> list[tuple[str, float]]:
@@ -283,23 +238,6 @@ def _probabilities(result: Result, least: float = 0.01) -> list[tuple[str, float
         for name in s.causes:
             found[name] = found.get(name, 0.0) + s.probability
     return sorted(((k, v) for k, v in found.items() if v >= least), key=lambda f: -f[1])
-
-
-def _moved(result: Result) -> list[ParameterValue]:
-    """Parameters whose interval excludes the tabulated value, the surest first."""
-    moved = (p for p in result.parameters if p.moved)
-    return sorted(moved, key=lambda p: -abs(p.value - p.tabulated) / (p.high - p.low or 1e-300))
-
-
-def _calibration(result: Result) -> _Section:
-    moved, items = _moved(result), []
-    for p in moved[:PARAMETERS]:
-        ratio = f", a change of {_tolerances(p)}" if p.tolerances >= 0.01 else ""
-        items.append(f"{p.title}: {_interval(p)}; tabulated {_tabulated(p)}{ratio}")
-    if len(moved) > PARAMETERS:
-        items.append(f"{len(moved) - PARAMETERS} more parameters are in the details")
-    lines = [] if items or not result.parameters else ["No parameter left its tabulated value."]
-    return _Section("Calibration", lines, items)
 
 
 def _held_out(result: Result) -> _Section:
@@ -319,27 +257,27 @@ def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
         return None
     cell = result.cells[int(np.argmax(ratios))]
     since = f", after {cell.since}" if cell.since else ""
-    span = f"{_size(cell.start, '1')} to {_size(cell.end, '1')} s"
+    span = f"{size_in(cell.start, '1')} to {size_in(cell.end, '1')} s"
     return cell, f"{cell.channel} of {cell.record}, {span}{since}"
 
 
 def _where(result: Result) -> _Section:
-    lines, told = [], bool(result.named or result.classes)
+    lines, causes = [], bool(result.named or result.classes)
     units = {c.name: c.unit for c in result.channels}
     worst = None if result.verdict is Verdict.NO_GAP else _worst_cell(result, "calibrated")
     if worst is not None:
         cell, words = worst
         unit = units[cell.channel]
-        rms = _size(cell.calibrated, unit)
-        after = f", {_size(cell.explained, unit)} with the causes" if told else ""
-        before = "Without the causes, the" if told else "The"
+        rms = size_in(cell.calibrated, unit)
+        after = f", {size_in(cell.explained, unit)} with the causes" if causes else ""
+        before = "Without the causes, the" if causes else "The"
         lines.append(f"{before} residual is largest in {words}: {rms} rms{after}.")
-    late = [e for e in result.events if abs(e.delay) > LATE * e.delay_sd]
-    if late and result.verdict is not Verdict.NO_GAP:
-        e = max(late, key=lambda e: abs(e.delay) / e.delay_sd)
-        after = f" ({_size(abs(e.delay_explained), 's')} with the causes)" if told else ""
+    delayed = [e for e in result.events if abs(e.delay) > DELAYED * e.delay_sd]
+    if delayed and result.verdict is not Verdict.NO_GAP:
+        e = max(delayed, key=lambda e: abs(e.delay) / e.delay_sd)
+        after = f" ({size_in(abs(e.delay_explained), 's')} with the causes)" if causes else ""
         lines.append(
-            f"At the event {e.event} of {e.record}, {e.channel} comes {_size(abs(e.delay), 's')} "
+            f"At the event {e.event} of {e.record}, {e.channel} comes {size_in(abs(e.delay), 's')} "
             f"{'later' if e.delay > 0.0 else 'earlier'} than in the model{after}."
         )
     lines += [_place(result, p) for p in _useful(result)[:2]]
@@ -362,10 +300,10 @@ def _useful(result: Result) -> list[Place]:
 def _place(result: Result, place: Place) -> str:
     what = "An unknown action" if place.port else "Unlisted changes from record to record"
     now, left = _left(result, place)
-    like = [f"; it would resemble the {law} ({_percent(v)} of it)" for law, v in place.resembles]
+    like = [f"; it would resemble the {law} ({percent(v)} of it)" for law, v in place.resembles]
     return (
-        f"{what} at {place.name} would take what remains in the worst channel from {_percent(now)} "
-        f"to {_percent(left)}{''.join(like[:1])}."
+        f"{what} at {place.name} would take what remains in the worst channel from {percent(now)} "
+        f"to {percent(left)}{''.join(like[:1])}."
     )
 
 
@@ -373,18 +311,17 @@ def _next(result: Result) -> list[str]:
     """Actions, the most useful first."""
     first = ["Check units, signs and columns: a constant would be nearer to the records."]
     steps = first if result.worst.calibrated > result.worst.motion > 0.0 else []
-    steps += [
-        f"{_name(n)}: {n.remedy or 'measure it by itself, and correct the model.'}"
-        for n in result.named
-    ]
-    steps += [
-        f"{p.title}: check it, and correct the machine or its tabulated value." for p in result.off
-    ]
+    for c in result.changes:
+        if c.tier == "fitted":
+            steps.append(_repair(c))
+        elif not c.equivalents:
+            remedy = c.remedy or "measure it by itself, and correct the model."
+            steps.append(f"{c.name}: {remedy}")
     for group, record in zip(result.classes, result.apart, strict=False):
-        names = f"{_name(group[0])} from {_name(group[1])}"
+        names = f"{group[0].cause} from {group[1].cause}"
         steps += [f"To tell {names}, measure {n.cause} by itself." for n in group if n.parameter]
         steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
-        steps += [f"{_name(n)}: {n.remedy}" for n in group if n.remedy]
+        steps += [f"{n.cause}: {n.remedy}" for n in group if n.remedy]
     if Reason.NOT_COMPLETE in result.reasons:
         more = f"{_seconds(result)}" if math.isfinite(result.needed) else "more seconds"
         why = _untried(result).partition(",")[0] or "the search did not reach its end"
@@ -399,25 +336,27 @@ def _next(result: Result) -> list[str]:
             steps.append(f"Look at {worst[1]}: what remains is largest there.")
     steps += [
         f"Measure {a} by itself: the records hardly separate it from {b}."
-        for a, b in _together(result)
+        for a, b in _hardly_separated(result)
     ]
     if Reason.NOISE_NOT_STATED in result.reasons:
         steps.append("Record the machine at rest, and state the noise of the sensors.")
-    if not steps:
-        steps += [
-            f"{p.title}: {_interval(p)}, tabulated {_tabulated(p)}: correct the tabulated value, "
-            "or the machine."
-            for p in _moved(result)
-        ]
     if not steps:
         steps.append("None: the model can be used for motions like the recorded ones.")
     return list(dict.fromkeys(steps))[:STEPS]
 
 
-def _together(result: Result) -> Iterator[tuple[str, str]]:
+def _repair(c: Change) -> str:
+    """What to do about a parameter: on the machine the reverse, or in its table."""
+    if c.user_unit is not None and c.user_unit.unit == "turn":
+        back = clause(replace(c, size=-c.size, low=-c.high, high=-c.low))
+        return f"On the machine, {back.partition(' (')[0]}, or keep the change in the model."
+    return f"{c.title}: check it, and correct the machine or its tabulated value."
+
+
+def _hardly_separated(result: Result) -> Iterator[tuple[str, str]]:
     """Moved parameters, each with an unknown from which the records hardly separate it."""
-    moved = {p.name for p in _moved(result)}
-    high = np.argwhere(np.abs(np.triu(result.correlation, 1)) > TOGETHER)
+    moved = {p.name for p in result.parameters if p.moved}
+    high = np.argwhere(np.abs(np.triu(result.correlation, 1)) > SEPARATED)
     for i, j in sorted(high, key=lambda k: -abs(result.correlation[tuple(k)])):
         a, b = result.unknowns[i], result.unknowns[j]
         if {a, b} & moved:
@@ -434,20 +373,20 @@ def _details(result: Result) -> Iterator[_Section]:
         values = (c.noise, c.tabulated, c.calibrated, c.explained, c.held_out_calibrated,
                   c.held_out_explained)  # fmt: skip
         numbers = [f"{factor * v:.3g}" if math.isfinite(v) else "-" for v in values]
-        rows.append([f"{c.name} [{unit}]", *numbers, _percent(c.share(c.explained))])
+        rows.append([f"{c.name} [{unit}]", *numbers, percent(c.share(c.explained))])
     head = ("rms residual", "noise", "tabulated", "calibrated", "explained", "held out, before",
             "held out, after", "of motion")  # fmt: skip
     yield _Section("Residuals", head=head, rows=rows)
     k = result.channels.index(result.worst)
     rows = [
-        [_listed(s.causes) or "nothing", f"{s.probability:.3f}",
-         _percent(result.worst.share(s.residual[k]))]
+        [joined(s.causes) or "nothing", f"{s.probability:.3f}",
+         percent(result.worst.share(s.residual[k]))]
         for s in result.sets[:ROWS]
     ]  # fmt: skip
     yield _Section("Sets", head=("set", "probability", f"left of {result.worst.name}"), rows=rows)
     rows = [[name, f"{p:.3f}"] for name, p in _probabilities(result)[:ROWS]]
     yield _Section("Causes", head=("cause", "probability"), rows=rows)
-    rows = [[p.name, _tabulated(p), _interval(p)] for p in result.parameters]
+    rows = [[p.name, tabulated(p), interval(p)] for p in result.parameters]
     yield _Section("Parameters", head=("parameter", "tabulated", "fitted, 95 %"), rows=rows)
     notes = list(result.notes)
     if result.not_tried:
@@ -506,11 +445,11 @@ class Report(Result):
         return f"<p>{lead}</p>{table}<ul>{steps}</ul>"
 
     def summary(self) -> str:
-        """What the model misses, what takes it away, what remains, and whether that matters."""
+        """The first two changes, what remains, and whether that matters."""
         return _statement(self)
 
     def _first(self) -> list[_Section]:
-        parts = [_missing(self), _calibration(self), _held_out(self), _where(self)]
+        parts = [_changes(self), _held_out(self), _where(self)]
         return [s for s in (*parts, _Section("Next", items=_next(self))) if s.lines or s.items]
 
     @checked
@@ -526,7 +465,7 @@ class Report(Result):
 
         file = io.StringIO()
         screen = Screen(file=file, width=width, highlight=False, markup=False, emoji=False)
-        screen.print(f"{VERDICTS[self.verdict]}. {self.summary()}")
+        screen.print(self.summary())
         first = self._first()
         for s in (*first, *(s for s in _details(self) if s.rows or s.items)):
             screen.print(f"\n{s.title}{'' if s in first else ' (details)'}")
@@ -563,35 +502,47 @@ class Report(Result):
             details=[s for s in _details(self) if s.rows or s.items],
             figures={
                 "": Markup(svg(waterfall(self), "waterfall of the gap")),
-                "Where": Markup(svg(residuals(self), "residuals of the records")),
+                "Where": Markup(
+                    svg(residuals(self), "residuals of the records")
+                    + (
+                        svg(residual_force(self), "residual force")
+                        if any(p.force for p in _useful(self))
+                        else ""
+                    )
+                ),
                 "Parameters": Markup(svg(correlation(self), "correlation of the unknowns")),
             },
         )
 
     @property
     def frame(self) -> pd.DataFrame:
-        """One row for each effect that was fitted, those that are told first, and each parameter.
+        """One row for each change, then for each other effect that was fitted, and each parameter.
 
-        The kind is "named", "class 1" (one of its members is missing), "tested" or "parameter".
+        The kind is "change", "equivalent" (it fits as well as the change before it), "tested" or
+        "parameter". ``value`` is the size of a change, ``takes`` what it takes away as a share of
+        the motion of ``channel``.
         """
         import pandas as pd
 
-        told = [("named", n) for n in self.named]
-        told += [(f"class {k + 1}", n) for k, g in enumerate(self.classes) for n in g]
-        rows = [asdict(n) | {"name": n.cause, "kind": k, "value": n.magnitude} for k, n in told]
+        listed = [(kind, c) for first in self.changes
+                  for kind, c in (("change", first),
+                                  *(("equivalent", e) for e in first.equivalents))]  # fmt: skip
+        rows = [asdict(c) | {"kind": kind, "value": c.size} for kind, c in listed]
         known = {row["name"] for row in rows}
         rows += [
             {"name": name, "kind": "tested", "probability": probability}
             for name, probability in _probabilities(self, least=0.0)
             if name not in known
         ]
-        rows += [asdict(p) | {"kind": "parameter"} for p in self.parameters]
-        columns = ["name", "kind", "component", "unit", "value", "low", "high", "probability",
-                   "tabulated", "sd"]  # fmt: skip
+        rows += [asdict(p) | {"kind": "parameter"} for p in self.parameters if p.name not in known]
+        columns = ["name", "kind", "tier", "component", "unit", "value", "low", "high", "takes",
+                   "channel", "probability", "tabulated", "sd"]  # fmt: skip
         return pd.DataFrame(rows, columns=columns).set_index("name")
 
     @checked
-    def plot(self, kind: Literal["waterfall", "residual", "correlation"] = "waterfall") -> Figure:
+    def plot(
+        self, kind: Literal["waterfall", "residual", "correlation", "force"] = "waterfall"
+    ) -> Figure:
         """Figure of the result.
 
         Parameters
@@ -599,9 +550,15 @@ class Report(Result):
         kind
             ``"waterfall"``: the gap of the tabulated model, of the calibrated one, with each cause,
             and the noise; ``"residual"``: what remains over time; ``"correlation"``: correlation of
-            the fitted parameters and magnitudes.
+            the fitted parameters and magnitudes; ``"force"``: the force that would explain what
+            remains at the best place, over speed and position.
         """
-        figures = {"waterfall": waterfall, "residual": residuals, "correlation": correlation}
+        figures = {
+            "waterfall": waterfall,
+            "residual": residuals,
+            "correlation": correlation,
+            "force": residual_force,
+        }
         return figures[kind](self)
 
     @checked

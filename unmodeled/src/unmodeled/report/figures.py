@@ -29,7 +29,7 @@ from unmodeled.units import readable_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["comparison", "correlation", "residuals", "steps", "svg", "waterfall"]
+__all__ = ["comparison", "correlation", "residual_force", "residuals", "steps", "svg", "waterfall"]
 
 WIDTH = 9.0  # inches
 #: Largest number of channels of a comparison.
@@ -74,11 +74,11 @@ def steps(result: Result) -> list[tuple[str, float]]:
     words = {n.cause: " or ".join(m.cause for m in g) for g in result.classes for n in g}
     words |= {n.cause: n.cause for n in result.named}
     done: frozenset[str] = frozenset()
-    rest = [name for name in result.told if name in words]
+    rest = [name for name in result.reported if name in words]
     while rest:
         fitted = [(known[done | {n}], n) for n in rest if done | {n} in known]
         if not fitted or len(rest) == 1:
-            found.append((" and ".join(words[n] for n in rest), known[frozenset(result.told)]))
+            found.append((" and ".join(words[n] for n in rest), known[frozenset(result.reported)]))
             break
         value, name = min(fitted)
         found.append((words[name], value))
@@ -130,7 +130,7 @@ def residuals(result: Result) -> Figure:
         Result of a diagnosis.
     """
     shown, c = result.traces[:RECORDS], result.worst
-    told = bool(result.named or result.classes)
+    causes = bool(result.named or result.classes)
     figure = new_figure(WIDTH, 1.15 * max(len(shown), 1) + 0.6)
     panels = figure.subplots(max(len(shown), 1), 1, squeeze=False)[:, 0]
     for trace, ax in zip(shown, panels, strict=False):
@@ -141,7 +141,7 @@ def residuals(result: Result) -> Figure:
             ax.axhspan(-2.0 * c.noise, 2.0 * c.noise, color=GREEN, alpha=0.18, lw=0)
         label = "calibrated"
         ax.plot(trace.time[every], trace.calibrated[every], color=GRAY, lw=0.9, label=label)
-        if told:
+        if causes:
             label = "with the causes"
             ax.plot(trace.time[every], trace.explained[every], color=BLUE, lw=0.9, label=label)
     if shown:
@@ -149,6 +149,31 @@ def residuals(result: Result) -> Figure:
         title = f"{c.name}, measured less simulated (green: twice the noise of the sensor)"
         figure.suptitle(plain_text(title), fontsize=NORMAL, x=0.01, ha="left")
         panels[0].legend(frameon=False, fontsize=NORMAL, loc="upper right", ncols=2)
+    return figure
+
+
+def residual_force(result: Result) -> Figure:
+    """The force that would explain what remains at the best place, over speed and position.
+
+    A curve shows which law it may be: a step at zero speed is dry friction, a parabola is drag.
+
+    Parameters
+    ----------
+    result
+        Result of a diagnosis.
+    """
+    figure = new_figure(WIDTH, 2.6)
+    panels = figure.subplots(1, 2, sharey=True)
+    place = next((p for p in result.places if p.force), None)
+    for k, (ax, of) in enumerate(zip(panels, ("speed", "position"), strict=True)):
+        unit = "" if place is None else f" [{place.units[1 - k]}]"
+        style_axes(ax, of + unit, "" if k or place is None else f"force [{place.units[2]}]")
+        if place is not None:
+            ax.axhline(0.0, color=GRAY, lw=0.6)
+            ax.plot(place.force[1 - k], place.force[2], ".", color=BLUE, ms=4)
+    if place is not None:
+        title = f"force that would explain what remains at {place.name}"
+        figure.suptitle(plain_text(title), fontsize=NORMAL, x=0.01, ha="left")
     return figure
 
 

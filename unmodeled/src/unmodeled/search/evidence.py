@@ -29,10 +29,10 @@ __all__ = [
     "System",
     "best_of",
     "effective_share",
-    "estimation_share",
     "local_penalty",
     "log_evidence",
     "log_odds",
+    "misfit",
     "precision",
     "prior_of",
     "system",
@@ -41,8 +41,8 @@ __all__ = [
 
 #: Degrees of freedom of the Student t prior of magnitudes.
 DEGREES = 4.0
-#: Number of samples as which a discrepancy of the model counts, in all channels together [1].
-DISCREPANCY = 20.0
+#: Share of what chance allows that counts as discrepancy: the records cannot exclude it [1].
+CHANCE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,8 +54,6 @@ class Fitted:
     linears: tuple[Linear, ...]
     noise: Array
     """Noise of each channel in units of the noise of its sensor [1], (m,), at least 1."""
-    share: float
-    """Effective share of the samples for the estimates [1]."""
 
     @property
     def causes(self) -> tuple[int, ...]:
@@ -201,6 +199,17 @@ def system(
     return System(own[a, a], own[a, -1], own[e, a], own[e, e], own[e, -1], locals_, log_det)
 
 
+def misfit(samples: Array, squares: Array) -> Array:
+    """Negative log likelihood of all samples, with the noise that they leave, by channel, (m,).
+
+    The noise is at least that of the sensor (1).
+    """
+    mean = squares / np.maximum(samples, 1.0)
+    return np.asarray(
+        0.5 * samples * np.where(mean > 1.0, 1.0 + np.log(np.maximum(mean, 1.0)), mean)
+    )
+
+
 def local_penalty(
     problem: Problem, records: Sequence[Observed], members: Members, point: Point
 ) -> float:
@@ -213,54 +222,33 @@ def local_penalty(
     )
 
 
-def estimation_share(
-    problem: Problem, members: Members, point: Point, linears: Sequence[Linear], noise: Array
-) -> float:
-    """Effective share of the samples for the estimates of the global unknowns.
-
-    The estimates depend on the residual through its products with the derivatives, so that the
-    correlation of these products counts. It is the mean over the directions that the records
-    determine, each scaled by its prior.
-    """
-    prior = prior_of(problem, members).weights(point.x)
-    scaled = [x.by_global / noise[:, None] for x in linears]
-    hessian = sum(np.tensordot(j, j, axes=([0, 1], [0, 1])) for j in scaled)
-    root = 1.0 / np.sqrt(np.maximum(prior, 1e-6))
-    size, directions = np.linalg.eigh(root[:, None] * hessian * root)
-    worth = np.maximum(size, 0.0) / (1.0 + np.maximum(size, 0.0))
-    products = [
-        np.einsum("tcg,tc->tg", j, x.residual / noise) @ (root[:, None] * directions)
-        for j, x in zip(scaled, linears, strict=True)
-    ]
-    shares = np.array([effective_share([p[:, i] for p in products]) for i in range(len(size))])
-    return float(worth.sum() / (worth / shares).sum()) if worth.sum() > 0.0 else 1.0
-
-
 def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     """Weight of a sample by channel in the comparison of two sets, (m,).
 
     A set leaves noise, and a discrepancy that no cause of the list has. The noise is random, and
     counts the effective share of its samples. The discrepancy is not: another record of the same
-    motion repeats it, and one law that is wrong moves many channels. It counts as
-    :data:`DISCREPANCY` samples of all channels, however long the records and however many the
-    channels are, so that small differences between models that are both wrong decide nothing (a
-    coarsened likelihood: Miller and Dunson, Journal of the American Statistical Association 114,
-    2019, 1113). The variances of an estimate by both add, so that the effective number N of samples
-    of a channel is
+    motion repeats it, and one law that is wrong moves many channels. It counts as D samples of all
+    channels (``problem.worth``, and one for each start that is not known, which takes up one),
+    however long the records and however many the channels are, so that small differences between
+    models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson, Journal of
+    the American Statistical Association 114, 2019, 1113). The variances of an estimate by both add,
+    so that the effective number N of samples of a channel is
 
-        f^2 / N = 1 / (q n) + m d^2 / DISCREPANCY,    m = (sum d^2)^2 / sum d^4
+        f^2 / N = 1 / (q n) + m d^2 / D,    m = (sum d^2)^2 / sum d^4
 
     with the noise f that the better set leaves, in units of the noise of the sensor, and the
-    discrepancy d^2 = f^2 - 1, less what is possible by chance. The number m of channels that share
-    it is 1 if one channel has all of it, and the number of all channels if they have equal parts.
+    discrepancy d^2 = f^2 - 1, and a share of what chance allows: below that, the records cannot
+    exclude a discrepancy. The number m of channels that share it is 1 if one channel has all of it,
+    and the number of all channels if they have equal parts.
     """
     share = max(one.effective, other.effective)
     samples = np.maximum(problem.samples, 1.0)
     square = np.minimum(one.noise, other.noise) ** 2
-    return square * precision(square, 1.0 / (share * samples)) / samples
+    worth = problem.worth_with_starts
+    return square * precision(square, 1.0 / (share * samples), worth, CHANCE) / samples
 
 
-def precision(square: Array, random: Array, worth: float = DISCREPANCY) -> Array:
+def precision(square: Array, random: Array, worth: float, chance: float = -1.0) -> Array:
     """Inverse variance of an estimate by a noise and a discrepancy together, by channel, (m,).
 
     Parameters
@@ -272,8 +260,10 @@ def precision(square: Array, random: Array, worth: float = DISCREPANCY) -> Array
         Inverse number of independent samples.
     worth
         Number of samples as which the discrepancy counts.
+    chance
+        Multiple of what chance allows that is added to the discrepancy [1].
     """
-    discrepancy = np.maximum(square - 1.0 - 2.0 * np.sqrt(2.0 * random), 0.0)
+    discrepancy = np.maximum(square - 1.0 + 2.0 * chance * np.sqrt(2.0 * random), 0.0)
     sharing = discrepancy.sum() ** 2 / max(float(np.sum(discrepancy**2)), 1e-300)
     return np.asarray(1.0 / (random + sharing * discrepancy / worth))
 
@@ -306,7 +296,7 @@ def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
         Weight of a sample by channel, (m,).
     """
     members, point = fitted.members, fitted.point
-    misfit = problem.samples * np.log(fitted.noise) + 0.5 * fitted.squares / fitted.noise**2
+    left = problem.samples * np.log(fitted.noise) + 0.5 * fitted.squares / fitted.noise**2
     prior, x = prior_of(problem, members), point.x
     own = system(problem, problem.fit, members, point, fitted.linears, fitted.noise, weight)
     hessian = own.matrix + np.diag(prior.weights(x))
@@ -317,7 +307,7 @@ def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     odds = sum(problem.causes[m.cause].log_odds for m in members)
     return float(
         odds
-        - weight @ misfit
+        - weight @ left
         - 0.5 * penalty
         - 0.5 * occam
         + _one_sided(problem, members, point, hessian)

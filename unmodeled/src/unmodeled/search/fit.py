@@ -18,11 +18,12 @@ from unmodeled.search.evidence import (
     Prior,
     System,
     best_of,
-    estimation_share,
     local_penalty,
     log_odds,
+    misfit,
     prior_of,
     system,
+    weights,
 )
 from unmodeled.search.linear import Ask, Linear, Point, count_global, evaluate, local_of
 from unmodeled.search.problem import Members, Observed, Problem
@@ -32,7 +33,7 @@ __all__ = ["Start", "first_step", "fit_local", "fit_sets", "together"]
 
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
-#: Largest number of steps, and largest change of the logarithms of noise and share at the end.
+#: Largest number of steps, and largest change of the logarithm of the noise at the end.
 ROUNDS, SETTLED = 40, 0.05
 #: Change of the logarithm of the noise in a step below which the residual is that of the set.
 COARSE = 0.2
@@ -196,9 +197,9 @@ def _taken(
     point: Point,
     linears: Sequence[Linear],
     noise: Array,
-    share: float,
 ) -> float:
     """Share of the samples that the fit took as degrees of freedom of the global unknowns."""
+    share = Fitted(members, point, tuple(linears), noise).effective
     own = system(problem, problem.fit, members, point, linears, noise, share)
     weight = prior_of(problem, members).weights(point.x)
     taken = float(np.trace(np.linalg.solve(own.matrix + np.diag(weight), own.matrix)))
@@ -245,6 +246,14 @@ def _step(
     return np.asarray(step), local
 
 
+def _sums(records: Sequence[Observed], linears: Sequence[Linear]) -> tuple[Array, Array]:
+    """Number of samples, and sum of the squared residuals, by channel; the linears may be cut."""
+    pairs = list(zip(records, linears, strict=True))
+    samples = sum(o.valid[: len(x.residual)].sum(axis=0) for o, x in pairs)
+    squares = sum((x.residual**2).sum(axis=0) for _, x in pairs)
+    return np.asarray(samples, dtype=np.float64), np.asarray(squares)
+
+
 def _cost(
     problem: Problem,
     records: Sequence[Observed],
@@ -252,22 +261,20 @@ def _cost(
     prior: Prior,
     point: Point,
     linears: Sequence[Linear],
-    noise: Array,
-    share: float,
+    weight: Array,
 ) -> float:
-    """Half of the squared residuals and of the penalties; infinite if a simulation failed."""
-    squares = sum((x.residual**2).sum(axis=0) for x in linears)
-    total = share * float((squares / noise**2).sum())
-    total += prior.penalty(point.x) + local_penalty(problem, records, members, point)
-    return 0.5 * total if np.isfinite(total) else np.inf
+    """Negative log posterior with the noise that is left; infinite if a simulation failed."""
+    total = float(weight @ misfit(*_sums(records, linears)))
+    total += 0.5 * (prior.penalty(point.x) + local_penalty(problem, records, members, point))
+    return total if np.isfinite(total) else np.inf
 
 
 def _descend(fit: Descent) -> Steps:
-    """Damped Gauss-Newton steps of the unknowns; noise and share follow what the set leaves.
+    """Damped Gauss-Newton steps of the unknowns; noise and weights follow what the set leaves.
 
-    A step minimizes share |residual / noise|^2 and the penalties at the present noise. Derivatives
-    that are not cheap are used again while steps gain what they promise; the last point has its
-    own.
+    A step increases the log posterior, in which a sample has the weight that it has in the
+    comparison of sets. Derivatives that are not cheap are used again while steps gain what they
+    promise; the last point has its own.
     """
     problem, members, point = fit.problem, fit.members, fit.point
     prior = prior_of(problem, members)
@@ -276,30 +283,30 @@ def _descend(fit: Descent) -> Steps:
     first = seen = [*fit.known] or (yield Ask(members, point, problem.fit))
     if any(x.failed for x in seen):
         return None
-    # The share is that of what the set leaves: at the start, the motion itself is a residual, and
+    # The weight is that of what the set leaves: at the start, the motion itself is a residual, and
     # it would count so little that the prior could keep the parameters there.
-    noise, share, change = noise_left(problem, seen), 1.0, np.inf
+    noise, weight, change = noise_left(problem, seen), np.ones(len(problem.channels)), np.inf
     radius, derivatives, far, settled = RADIUS, problem.model.cheap_derivatives, False, False
     stale = False
     for _ in range(ROUNDS):
-        left = noise_left(problem, seen, _taken(problem, members, point, seen, noise, share))
+        left = noise_left(problem, seen, _taken(problem, members, point, seen, noise))
         settled = settled or (change < COARSE and not far)
         if settled and fit.rough:
             break
-        left_share = share
+        own_fit = Fitted(members, point, tuple(seen), left)
         if settled:
-            left_share = estimation_share(problem, members, point, seen, left)
+            weight = weights(problem, own_fit, own_fit)
         if seen is not first:
-            change = np.abs(np.log(left / noise)).max() + abs(np.log(left_share / share))
-        noise, share = left, left_share
+            change = float(np.abs(np.log(left / noise)).max())
+        noise = left
         if not (fit.known and seen is first):
-            fit.now = Fitted(members, point, tuple(seen), noise, share)
-        now = _cost(problem, problem.fit, members, prior, point, seen, noise, share)
+            fit.now = own_fit
+        now = _cost(problem, problem.fit, members, prior, point, seen, weight)
         gain = 0.0
         for trial in range(TRIALS):
             damping = 1e-3
             for _ in range(20):
-                own = system(problem, problem.fit, members, point, seen, noise, share, damping)
+                own = system(problem, problem.fit, members, point, seen, noise, weight, damping)
                 step, local = _step(own, prior, point.x, low, high, damping)
                 length = float(np.abs(step).max(initial=0.0))
                 if length <= 1.1 * radius:
@@ -313,7 +320,7 @@ def _descend(fit: Descent) -> Steps:
                 tuple(a + b for a, b in zip(point.local, local, strict=True)),
             )
             found = yield Ask(members, moved, problem.fit, derivatives=derivatives)
-            cost = _cost(problem, problem.fit, members, prior, moved, found, noise, share)
+            cost = _cost(problem, problem.fit, members, prior, moved, found, weight)
             if cost < now:
                 gain = now - cost
                 if not derivatives:
@@ -337,12 +344,14 @@ def _descend(fit: Descent) -> Steps:
             radius, derivatives = 0.4 * length, False
         done = change < SETTLED or gain == 0.0  # without a step, nothing will change
         fit.gain = gain if settled and done else max(gain, CONVERGED)
+        if far and gain > 0.0:  # its steps are limited, and grow
+            fit.gain = np.inf
         if fit.gain < CONVERGED:
             if not stale:
                 break
             seen, stale = (yield Ask(members, point, problem.fit)), False
         settled = settled or gain < CONVERGED
-    fit.now = Fitted(members, point, tuple(seen), noise, share)
+    fit.now = Fitted(members, point, tuple(seen), noise)
     return fit.now
 
 
@@ -382,7 +391,7 @@ def first_step(
     moved = Point(point.x + step, tuple(a + b for a, b in zip(point.local, local, strict=True)))
     found = yield Ask((), moved, problem.fit, derivatives=False)
     now, cost = (
-        _cost(problem, problem.fit, (), prior, p, x, noise, 1.0)
+        _cost(problem, problem.fit, (), prior, p, x, np.ones(len(problem.channels)))
         for p, x in ((point, seen), (moved, found))
     )
     promised = _promised(own, prior, point.x, step)
@@ -402,7 +411,7 @@ def fit_local(
     members: Members,
     point: Point,
     noise: Array,
-    share: float,
+    weight: Array,
     rounds: int = 6,
     parts: Sequence[float] = (1.0,),
 ) -> Generator[Ask, list[Linear], Fitted | None]:
@@ -416,8 +425,8 @@ def fit_local(
         Records, which may be held-out ones.
     point
         Global unknowns, and the start of the local ones.
-    noise, share
-        Noise by channel and effective share of the samples.
+    noise, weight
+        Noise, and weight of a sample, by channel.
     rounds
         Largest number of steps for each part.
     parts
@@ -438,10 +447,12 @@ def fit_local(
     for part in parts:
         now = cut(seen, part)
         local_point = Point(none, point.local)
-        cost = _cost(problem, records, members, prior, local_point, now, noise, share)
+        cost = _cost(problem, records, members, prior, local_point, now, weight)
         damping = 1e-3
         for _ in range(rounds):
-            own = system(problem, records, members, local_point, now, noise, share, damping)
+            samples, squares = _sums(records, now)
+            left = np.sqrt(np.maximum(squares / np.maximum(samples, 1.0), 1.0))
+            own = system(problem, records, members, local_point, now, left, weight, damping)
             moved = replace(
                 point,
                 local=tuple(
@@ -451,9 +462,7 @@ def fit_local(
             )
             found = yield Ask(members, moved, records, by_global=False)
             trial = Point(none, moved.local)
-            own_cost = _cost(
-                problem, records, members, prior, trial, cut(found, part), noise, share
-            )
+            own_cost = _cost(problem, records, members, prior, trial, cut(found, part), weight)
             if not own_cost < cost:
                 damping *= 30.0
                 if damping > 1e3:
@@ -465,7 +474,7 @@ def fit_local(
                 break
     if any(x.failed for x in seen):
         return None
-    return Fitted(members, point, tuple(seen), noise, share)
+    return Fitted(members, point, tuple(seen), noise)
 
 
 def empty_point(problem: Problem, members: Members, records: Sequence[Observed]) -> Point:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.search.evidence import Fitted
+from unmodeled.search.evidence import Fitted, weights
 from unmodeled.search.fit import fit_local, together
 from unmodeled.search.linear import Point, local_of
 from unmodeled.search.problem import Problem
@@ -52,7 +52,15 @@ def predict(
         )
         parts = (0.03, 0.1, 0.3, 1.0) if _unknown_starts(problem) else (1.0,)
         runs.append(
-            fit_local(problem, problem.held_out, s.members, start, s.noise, s.share, parts=parts)
+            fit_local(
+                problem,
+                problem.held_out,
+                s.members,
+                start,
+                s.noise,
+                weights(problem, s, s),
+                parts=parts,
+            )
         )
     return [
         None if f is None else Predicted(f.point, tuple(x.residual for x in f.linears))
@@ -61,7 +69,7 @@ def predict(
 
 
 def _unknown_starts(problem: Problem) -> bool:
-    return any(q.weight < 1e-4 for o in problem.held_out for q in o.local)
+    return any(q.unknown for o in problem.held_out for q in o.local)
 
 
 def compare(

@@ -157,7 +157,15 @@ def places(problem: Problem, fitted: Fitted) -> tuple[Place, ...]:
         if found and (port := found[0][2]) is not None:
             first, values, _ = found[0]
             forces = [port.scale * (_smooth() @ v) for v in values]
-            first = replace(first, resembles=_likeness(problem, fitted, forces, port))
+            path = _force_path(problem, fitted, forces, port)
+            if path is not None:
+                units = {s.name: s.unit for s in problem.model.states()}
+                first = replace(
+                    first,
+                    resembles=_likeness(*path),
+                    force=tuple(tuple(float(x) for x in row) for row in path[[1, 2, 0]]),
+                    units=(units.get(port.position, "1"), units.get(port.speed, "1"), port.unit),
+                )
             found[0] = first, values, port
     return tuple(f[0] for f in found)
 
@@ -288,33 +296,37 @@ def _explained(problem: Problem, fitted: Fitted, rounds: int = 4) -> tuple[Fitte
             base.point.x + step,
             tuple(v + d for v, d in zip(base.point.local, local, strict=True)),
         )
-        now = Fitted(base.members, point, linears, noise_left(problem, linears, taken), 1.0)
+        now = Fitted(base.members, point, linears, noise_left(problem, linears, taken))
         noise = now.noise
     return now, taken
 
 
-def _likeness(
+def _force_path(
     problem: Problem, fitted: Fitted, forces: Sequence[Array], port: Port
-) -> tuple[tuple[str, float], ...]:
-    """Laws of position and speed that a force resembles, with the share that each explains.
-
-    Parts that are proportional to position or speed are removed from force and law first: the
-    parameters of the model have taken them up. A law of the speed must act against the motion.
-    """
+) -> Array | None:
+    """Force, position and speed at the knots of all records, (3, k); None: a simulation fails."""
     names = [s.name for s in problem.model.states()]
-    seen = []
+    found = []
     for r, (o, force) in enumerate(zip(problem.fit, forces, strict=True)):
         path = motion(problem.model, o.record, _jobs(problem, fitted, r, 1))
         if path is None:
-            return ()
+            return None
         stops = np.linspace(0, o.record.samples - 1, KNOTS).astype(int)
         x = path[stops]
         there = [x[:, names.index(n)] if n in names else 0.0 * x[:, 0]
                  for n in (port.position, port.speed)]  # fmt: skip
         at = o.record.time[stops] - o.record.time[0]
         span = o.record.time[-1] - o.record.time[0]
-        seen.append(np.array([np.interp(at / span, np.linspace(0, 1, KNOTS), force), *there]))
-    force, q, v = np.concatenate(seen, axis=1)
+        found.append(np.array([np.interp(at / span, np.linspace(0, 1, KNOTS), force), *there]))
+    return np.concatenate(found, axis=1)
+
+
+def _likeness(force: Array, q: Array, v: Array) -> tuple[tuple[str, float], ...]:
+    """Laws of position and speed that a force resembles, with the share that each explains.
+
+    Parts that are proportional to position or speed are removed from force and law first: the
+    parameters of the model have taken them up. A law of the speed must act against the motion.
+    """
     laws = {
         "sign of the speed": np.sign(v),
         "speed times its magnitude": v * np.abs(v),

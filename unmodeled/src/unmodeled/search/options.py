@@ -29,7 +29,7 @@ class Options:
     """Limit of time [s]; the best sets of effects until then are the answer."""
     most: int = 4
     """Largest number of effects in a set [1]."""
-    tries: int = 4
+    tries: int = 8
     """Number of effects that are fitted together with a set in each round [1]."""
 
     def __post_init__(self) -> None:

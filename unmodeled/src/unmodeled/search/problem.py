@@ -19,12 +19,25 @@ from numpy.typing import NDArray
 from unmodeled.data import Array, Record
 from unmodeled.fit.model import Candidate, Effect, Model
 
-__all__ = ["RELEASED", "Cause", "Local", "Member", "Members", "Observed", "Problem"]
+__all__ = [
+    "RELEASED",
+    "STRICT",
+    "TRUSTED",
+    "Cause",
+    "Local",
+    "Member",
+    "Members",
+    "Observed",
+    "Problem",
+]
 
 #: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
 RELEASED = 5.0
 #: Scales of a start state that is not known: as good as any value.
 UNKNOWN_START = 1e3
+#: Number of samples as which a discrepancy counts for a name, and for the search: it also collects
+#: sets that predict better without being surely the cause.
+STRICT, TRUSTED = 20.0, 60.0
 
 
 @dataclass(frozen=True)
@@ -43,6 +56,11 @@ class Local:
     """Square of the scale over the standard deviation of the prior [1]."""
     channels: tuple[int, ...] = ()
     """Channels that are late together."""
+
+    @property
+    def unknown(self) -> bool:
+        """Whether it is a start state that is not known."""
+        return self.kind == "start" and self.weight < 1e-4
 
 
 @dataclass(frozen=True)
@@ -163,6 +181,14 @@ class Problem:
     """Whether the noise of all sensors is estimated, because no record states it."""
     notes: tuple[str, ...] = ()
     """Assumptions about the records, for the report."""
+    worth: float = TRUSTED
+    """Number of samples as which a discrepancy of the model counts, in all channels together,
+    besides those that the unknown starts take up [1]."""
+
+    @cached_property
+    def worth_with_starts(self) -> float:
+        """``worth``, and one sample for each start state that is not known [1]."""
+        return self.worth + sum(q.unknown for o in self.fit for q in o.local)
 
     @cached_property
     def locals_known(

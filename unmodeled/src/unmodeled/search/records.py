@@ -245,12 +245,19 @@ def _errors(
     rms, found = spread(records), []
     if model.accepts(clock) and clock.name not in {e.name for e in effects}:
         found.append(Cause(clock.name, clock.component, clock))
-    stated = {q.index for o in records for q in o.local if q.kind == "offset"}
+    stated = {(q.kind, c) for o in records for q in o.local for c in (q.channels or (q.index,))}
+    interval = float(np.median([o.record.interval for o in records]))
     for c, name in enumerate(names):
-        if len(records) > 1 and rms[c] > 0.0 and c not in stated:
-            offset = Local("offset", c, 0.0, OFFSET * float(rms[c]))
-            label = f"offset of sensor {name} in each record"
-            found.append(Cause(label, f"sensor {name}", local=offset))
+        if len(records) < 2 or rms[c] == 0.0:
+            continue
+        late = (c,)
+        for local in (
+            Local("offset", c, 0.0, OFFSET * float(rms[c])),
+            Local("delay", c, 0.0, interval, channels=late),
+        ):
+            if (local.kind, c) not in stated:
+                label = f"{local.kind} of sensor {name} in each record"
+                found.append(Cause(label, f"sensor {name}", local=local))
     return found
 
 
@@ -340,21 +347,26 @@ def _observed(
 
 
 def _noise_levels(records: Sequence[Record]) -> dict[str, float]:
-    """Noise of each channel, for a record in which it does not move [its unit].
+    """Noise of each sensor, pooled over the records: one sensor has one noise [its unit].
 
     Parameters
     ----------
     records
         Measured runs.
     """
-    found: dict[str, list[float]] = {}
+    found: dict[str, list[tuple[bool, float]]] = {}
     for r in records:
-        for name in r.outputs:
-            found.setdefault(name, []).append(noise_of_channel(r, name).sigma)
-    return {name: max(values) for name, values in found.items()}
+        for name, values in r.outputs.items():
+            moves = np.unique(values[np.isfinite(values)]).size > 1
+            found.setdefault(name, []).append((moves, noise_of_channel(r, name).sigma))
+    out = {}
+    for name, own in found.items():  # a record in which it does not move shows no noise
+        some = [sigma for moves, sigma in own if moves] or [sigma for _, sigma in own]
+        out[name] = math.sqrt(float(np.mean(np.square(some))))
+    return out
 
 
-def noise_of_channel(record: Record, name: str, others: float = 0.0) -> Noise:
+def noise_of_channel(record: Record, name: str, pooled: float | None = None) -> Noise:
     """Noise of a channel: stated, or estimated from the differences of neighboring samples.
 
     An estimate is at least the rounding error of the smallest step between two values.
@@ -365,19 +377,22 @@ def noise_of_channel(record: Record, name: str, others: float = 0.0) -> Noise:
         Record with the channel.
     name
         Name of an output of the record.
-    others
-        Noise of the channel in other records, for one in which it does not move [its unit].
+    pooled
+        Noise of the sensor in all records, unless the record states it [its unit]; None: it is
+        estimated from this record.
     """
     sensor, values = record.sensors[name], record.outputs[name]
     sigma = sensor.sigma
     most = float(np.nanmax(np.abs(values), initial=0.0))
-    if sigma is None:
+    if sigma is None and pooled is not None:
+        sigma = pooled
+    elif sigma is None:
         known = values[np.isfinite(values)]
         steps = np.diff(np.unique(known))
         steps = steps[steps > 1e-9 * most]
         # Too few values have no noise of their own: nothing smaller than their spread is known.
         sigma = noise_of_record(known) if known.size >= LEAST_SAMPLES else float(np.std(known))
-        sigma = max(sigma, rounding_error(float(steps.min()))) if steps.size else others
+        sigma = max(sigma, rounding_error(float(steps.min()))) if steps.size else 0.0
     found = noise_of(sensor, sigma, sensor.quantum)
     return replace(found, sigma=max(found.sigma, 1e-9 * (most or 1.0)))
 

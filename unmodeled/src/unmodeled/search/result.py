@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from enum import Enum
 from functools import cached_property
 from typing import Any, Literal
@@ -17,11 +17,13 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array
+from unmodeled.fit.model import UserUnit
 
 __all__ = [
     "OUTCOMES",
     "Case",
     "Cell",
+    "Change",
     "Channel",
     "Compared",
     "Event",
@@ -33,12 +35,14 @@ __all__ = [
     "Result",
     "SetOfCauses",
     "Trace",
+    "Without",
 ]
 
 #: Version of the JSON form of a result.
-VERSION = 1
-#: Deviation of a parameter, in standard deviations of its prior, above which it is an answer.
-OFF = 3.0
+VERSION = 2
+#: Deviation of a parameter, in standard deviations of its prior, up to which it is within its
+#: tolerance.
+TOLERANCE = 2.0
 
 
 class Verdict(Enum):
@@ -52,6 +56,9 @@ class Verdict(Enum):
     """One or more causes are named."""
     ONE_OF = "one of"
     """One of a class of causes is missing; the records do not tell which one."""
+    SUPPORTED = "supported"
+    """Causes predict records that were not fitted better for sure; whether they are the ones is not
+    sure."""
     UNKNOWN = "unknown"
     """A material residual remains, and no cause explains it."""
 
@@ -61,6 +68,7 @@ class Reason(Enum):
 
     NOISE_NOT_STATED = "no noise of the sensor is stated"
     DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
+    NOT_NEEDED = "a probable cause is not needed"
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     NOT_PREDICTED = "held-out records are not predicted"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
@@ -140,11 +148,28 @@ class ParameterValue:
     high: float
     relative: bool = False
     """Whether the value is a relative deviation."""
+    user_unit: UserUnit | None = None
 
     @property
     def moved(self) -> bool:
         """Whether the interval excludes the tabulated value."""
         return not self.low <= self.tabulated <= self.high
+
+    def as_cause(self) -> Named:
+        """The parameter in the form of a cause."""
+        return Named(
+            self.name,
+            "",
+            self.unit,
+            self.value,
+            self.low,
+            self.high,
+            math.nan,
+            parameter=True,
+            changes=self.name,
+            kind="parameter",
+            user_unit=self.user_unit,
+        )
 
     @property
     def tolerances(self) -> float:
@@ -175,6 +200,82 @@ class Named:
     remedy: str = ""
     changes: str = ""
     """Parameter of the model that is this cause, also under the name of an effect; "": none."""
+    kind: str = "force"
+    """Kind of the effect; "parameter", or "sensor" also for an error of each record."""
+    title: str = ""
+    """What is added, or with its article what changes; "": the name."""
+    user_unit: UserUnit | None = None
+
+
+@dataclass(frozen=True)
+class Without:
+    """Residuals that are left without one change, all else being fitted again."""
+
+    name: str
+    """Name of the cause or of the parameter."""
+    before: tuple[float, ...]
+    """Rms without it by channel [its unit]; infinite: the simulation fails."""
+    after: tuple[float, ...]
+    """With all changes [its unit]."""
+    held_out: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+    """Both in held-out records; None: there are none."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """A change of the model, of a sensor, an input or a clock, that the records ask for."""
+
+    name: str
+    """Name of the cause or of the parameter."""
+    title: str
+    """What is added, or with its article what changes."""
+    component: str
+    kind: str
+    """Kind of the effect, or "parameter"."""
+    tier: Literal["named", "one of", "supported", "fitted"]
+    """``named``: the records tell it from all listed causes; ``one of``: not from its equivalents;
+    ``supported``: it predicts held-out records better, whether it is the cause or not; ``fitted``:
+    one of the fewest parameters that explain the fit."""
+    unit: str
+    size: float
+    """Change of the parameter, or magnitude of the effect [unit]."""
+    low: float
+    """Lower end of the 95 % interval [unit]."""
+    high: float
+    tabulated: float
+    """Value of the parameter before the change [unit]; 0 for an effect."""
+    relative: bool
+    """Whether the size is a share of the tabulated number."""
+    user_unit: UserUnit | None
+    tolerances: float
+    """Size in standard deviations of the prior [1]; NaN: it is no parameter with a tolerance."""
+    probability: float
+    """Posterior probability [1]; NaN: a parameter is fitted, not searched."""
+    channel: str = ""
+    """Output of which it takes away most."""
+    before: float = math.nan
+    """Residual without the change, as a share of the motion of this output [1]."""
+    after: float = math.nan
+    """Residual with all changes [1]."""
+    held_out: bool = False
+    """Whether both are those of held-out records."""
+    takes: float = math.nan
+    """Rms of what it takes away, ``sqrt(before**2 - after**2)`` [1]; NaN: it is not known."""
+    matters: bool = True
+    """Whether it takes away more than what does not matter in some output."""
+    shape: Any = None
+    shape_names: tuple[str, ...] = ()
+    by_record: tuple[float, ...] = ()
+    """Magnitude in each fitted record by itself [unit]."""
+    mechanism: str = ""
+    remedy: str = ""
+    equivalents: tuple[Change, ...] = ()
+    """Changes that fit as well."""
+
+    @property
+    def within(self) -> bool | None:
+        """Whether a parameter is within its tolerance; None: it has none."""
+        return None if math.isnan(self.tolerances) else self.tolerances <= TOLERANCE
 
 
 @dataclass(frozen=True)
@@ -234,6 +335,10 @@ class Place:
     """Gain of log evidence."""
     resembles: tuple[tuple[str, float], ...] = ()
     """Laws that the force resembles, with the shares of the force that they explain [1]."""
+    force: tuple[tuple[float, ...], ...] = ()
+    """Position, speed, and the force at them, at points along the records; (): a component."""
+    units: tuple[str, ...] = ()
+    """Units of these three."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,7 +363,7 @@ class Result:
     classes: tuple[tuple[Named, ...], ...]
     """Each class: one of its members is missing."""
     parameters: tuple[ParameterValue, ...]
-    """Fitted parameters, with the named causes."""
+    """Fitted parameters, with the told causes."""
     sets: tuple[SetOfCauses, ...]
     """Fitted sets, the most probable first."""
     held_out_gain: tuple[float, float, float] | None = None
@@ -272,6 +377,12 @@ class Result:
     """Number of causes that were to be tried."""
     refused: tuple[str, ...] = ()
     """Causes of the most probable set whose magnitude differs between records."""
+    supported: tuple[Named, ...] = ()
+    """Causes that are not named, each of which surely improves the prediction of held-out records,
+    together with the named ones."""
+    not_needed: tuple[str, ...] = ()
+    """Probable causes that are not named: their interval contains zero, they are at a limit, the
+    set without them was not fitted, or the held-out records refuse them."""
     complete: bool = True
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
@@ -286,26 +397,98 @@ class Result:
     """Best explanation of what remains first; () if what remains does not matter."""
     apart: tuple[str, ...] = ()
     """For each class, the record in which its first two members differ most."""
-    told: tuple[str, ...] = ()
+    reported: tuple[str, ...] = ()
     """Causes of the most probable set that agrees with the named ones and the classes."""
+    changed: tuple[tuple[ParameterValue, ...], ...] = ()
+    """The fewest parameters that explain the fit, each with the equivalents that could stand for
+    it; their values if all others are the tabulated ones."""
+    without: tuple[Without, ...] = ()
+    """What is left without each of these causes and parameters."""
     unknowns: tuple[str, ...] = ()
-    """Fitted parameters and magnitudes of the told set."""
+    """Fitted parameters and magnitudes of the reported set."""
     correlation: Array = field(default_factory=lambda: np.zeros((0, 0)), repr=False)
     """Correlation of the unknowns."""
     traces: tuple[Trace, ...] = field(default=(), repr=False)
 
-    @property
-    def off(self) -> tuple[ParameterValue, ...]:
-        """Parameters that are surely far outside their tolerances, farthest first.
+    @cached_property
+    def changes(self) -> tuple[Change, ...]:
+        """The answer: what changes, by how much, and what it takes away, the largest first.
 
-        They are a part of the answer, unless it is unknown what they imitate. Those that are told
-        as causes are omitted.
+        A change is listed if its interval excludes zero, and if it takes away more than what does
+        not matter. If the verdict is UNKNOWN, parameters may imitate what is not known: they are
+        only in ``parameters``.
         """
-        if self.verdict is Verdict.UNKNOWN:
-            return ()
-        told = {n.changes for group in (self.named, *self.classes) for n in group}
-        found = [p for p in self.parameters if p.moved and p.tolerances > OFF]
-        return tuple(sorted((p for p in found if p.name not in told), key=lambda p: -p.tolerances))
+        known = {n.changes for group in (self.named, *self.classes, self.supported) for n in group}
+        found = [self._change(n, "named") for n in self.named]
+        found += [self._change(n, "supported") for n in self.supported]
+        for group in self.classes:
+            first, *others = (self._change(n, "one of") for n in group)
+            found.append(replace(first, equivalents=tuple(others)))
+        changed = self.changed if self.verdict is not Verdict.UNKNOWN else ()
+        for alike in changed:
+            if alike and not known & {p.name for p in alike}:
+                first, *others = (self._change(p.as_cause(), "fitted", p) for p in alike)
+                found.append(replace(first, equivalents=tuple(others)))
+        listed = [c for c in found if c.matters and not c.low <= 0.0 <= c.high]
+        return tuple(sorted(listed, key=lambda c: -np.nan_to_num(c.takes, nan=math.inf)))
+
+    def _change(
+        self,
+        n: Named,
+        tier: Literal["named", "one of", "supported", "fitted"],
+        p: ParameterValue | None = None,
+    ) -> Change:
+        """A change with what it takes away of the channel where this matters most."""
+        p = p or next((p for p in self.parameters if p.name == n.changes), None)
+        at = p.tabulated if p is not None and n.parameter else 0.0
+        found = Change(
+            name=n.cause,
+            title=(n.title if p is None else p.title) or n.cause,
+            component=n.component,
+            kind=n.kind if p is None else "parameter",
+            tier=tier,
+            unit=n.unit,
+            size=n.magnitude - at,
+            low=n.low - at,
+            high=n.high - at,
+            tabulated=at,
+            relative=n.unit == "1" and (n.kind in ("sensor", "input") if p is None else p.relative),
+            user_unit=n.user_unit,
+            tolerances=p.tolerances if p is not None and 0.0 < p.sd < math.inf else math.nan,
+            probability=n.probability,
+            shape=n.shape,
+            shape_names=n.shape_names,
+            by_record=n.by_record,
+            mechanism=n.mechanism,
+            remedy=n.remedy,
+        )
+        left = next((w for w in self.without if w.name == n.cause), None)
+        if left is None:
+            return found
+        fitted, held_out = (left.before, left.after), left.held_out
+        k, taken, ratio = self._taken(*fitted)
+        pair, matters, held = fitted, ratio > 1.0, False
+        if held_out is not None:
+            at, value, there = self._taken(*held_out)
+            if held := there > 1.0:  # else the change acts in the fitted records only
+                k, taken, pair, matters = at, value, held_out, True
+        c = self.channels[k]
+        return replace(
+            found,
+            channel=c.name,
+            before=c.share(pair[0][k]),
+            after=c.share(pair[1][k]),
+            held_out=held,
+            takes=c.share(taken),
+            matters=matters,
+        )
+
+    def _taken(self, before: Sequence[float], after: Sequence[float]) -> tuple[int, float, float]:
+        """The channel in which a change matters most, what it takes away, over what matters."""
+        taken = [math.sqrt(max(b * b - a * a, 0.0)) for b, a in zip(before, after, strict=True)]
+        ratios = [t / c.limit for t, c in zip(taken, self.channels, strict=True)]
+        k = max(range(len(taken)), key=lambda k: ratios[k])
+        return k, taken[k], ratios[k]
 
     @cached_property
     def worst(self) -> Channel:
@@ -314,7 +497,7 @@ class Result:
 
     def as_dict(self) -> dict[str, Any]:
         """Codes and numbers as JSON types: NaN is None, an infinite number is a text."""
-        own: dict[str, Any] = plain(self) | {"off": [p.name for p in self.off]}
+        own: dict[str, Any] = plain(self) | {"changes": plain(self.changes)}
         return {"format": "unmodeled diagnosis", "version": VERSION} | own
 
     def to_json(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,10 +13,25 @@ from unmodeled.search.evidence import Fitted, prior_of, system, weights
 from unmodeled.search.linear import Ask, evaluate
 from unmodeled.search.problem import RELEASED, Member, Members, Problem
 
-__all__ = ["Directions", "Score", "by_record", "directions", "scores"]
+__all__ = [
+    "Directions",
+    "Score",
+    "by_record",
+    "directions",
+    "equivalents",
+    "index_of",
+    "pairs",
+    "scores",
+]
 
 #: Number of causes whose derivatives are computed at a further fit.
 LIKELY = 24
+#: Weight of the prior of a magnitude in a score: where a model is far off, the causes are large.
+WEAK = 1e-3
+#: Largest magnitude at which a fit begins, in expected magnitudes [1].
+MOST = 50.0
+#: Number of causes of which pairs are scored, and cosine above which two of them are one.
+PAIRED, ALIKE = 40, 0.98
 
 
 @dataclass(frozen=True)
@@ -31,6 +47,8 @@ class Score:
     columns: tuple[Array, ...] = ()
     """Derivatives of the residuals by the magnitude, by record, (n, m); (): they are not used,
     because their sign is wrong."""
+    further: int = -1
+    """Index in ``Directions.further``; -1: it is no effect."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +81,7 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
     if near is not None and not problem.model.cheap_derivatives:
         gains: dict[int, float] = {}
         slope, curvature, _ = _products(problem, fitted, near)
-        for m, b, a in zip(near.further, slope, curvature, strict=True):
+        for m, b, a in zip(near.further, slope, np.diag(curvature), strict=True):
             if m.cause in fitted.causes:
                 continue
             gains[m.cause] = max(gains.get(m.cause, 0.0), float(b * b / a) if a > 0.0 else 0.0)
@@ -77,9 +95,9 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
 def _products(
     problem: Problem, fitted: Fitted, seen: Directions
 ) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-    """Slope and curvature by the magnitude of each cause, all other unknowns projected out.
+    """Slopes and curvatures by the magnitudes of causes, all other unknowns projected out.
 
-    Also the normal equations of the set: matrix, right side, and weights of the prior.
+    (c,) and (c, c); also the normal equations of the set: matrix, right side, weights of the prior.
     """
     linears = [
         replace(x, by_further=y) for x, y in zip(fitted.linears, seen.by_further, strict=True)
@@ -91,8 +109,7 @@ def _products(
     weight = prior_of(problem, fitted.members).weights(x)
     inverse = np.linalg.inv(own.matrix + np.diag(weight))
     slope = own.gain - own.further @ inverse @ (own.right - weight * x)
-    curvature = np.diag(own.own) + 1.25
-    curvature -= np.einsum("ij,jl,il->i", own.further, inverse, own.further)
+    curvature = own.own - own.further @ inverse @ own.further.T + WEAK * np.eye(len(slope))
     return slope, curvature, (own.matrix, own.right, weight)
 
 
@@ -104,20 +121,126 @@ def scores(problem: Problem, fitted: Fitted, seen: Directions) -> list[Score]:
     """
     slope, curvature, normal = _products(problem, fitted, seen)
     best: dict[int, Score] = {}
-    for j, (m, b, a) in enumerate(zip(seen.further, slope, curvature, strict=True)):
+    for j, (m, b, a) in enumerate(zip(seen.further, slope, np.diag(curvature), strict=True)):
         if not (np.isfinite(b) and a > 0.0):
             continue
         low, high = problem.causes[m.cause].bounds
         step = float(b / a)
         inside = low <= step <= high and step != 0.0
-        start = float(np.clip(step if inside else 1.0, max(low, -3.0), min(high, 3.0)))
+        start = float(np.clip(step if inside else 1.0, max(low, -MOST), min(high, MOST)))
         gain = 0.5 * float(b * b / a)
         if m.cause not in best or gain > best[m.cause].gain:
             columns = tuple(y[:, :, j].copy() for y in seen.by_further) if inside else ()
-            best[m.cause] = Score(m.cause, m.shape, gain, start, columns)
+            best[m.cause] = Score(m.cause, m.shape, gain, start, columns, j)
     best |= _released(problem, fitted, *normal)
     best |= _in_each_record(problem, fitted)
     return sorted(best.values(), key=lambda s: -s.gain)
+
+
+def pairs(
+    problem: Problem, fitted: Fitted, seen: Directions, ranked: Sequence[Score]
+) -> list[tuple[Score, Score]]:
+    """Pairs of effects that take away more together than the best one, best first.
+
+    Their gain is that of orthogonal least squares; no simulation is needed.
+
+    Parameters
+    ----------
+    problem, fitted, seen
+        The problem, the set, and the directions at it.
+    ranked
+        Scores of single causes.
+    """
+    own = [s for s in ranked if s.further >= 0][:PAIRED]
+    if len(own) < 2:
+        return []
+    slope, curvature, _ = _products(problem, fitted, seen)
+    at = [s.further for s in own]
+    b, a = slope[at], curvature[np.ix_(at, at)]
+    d = np.diag(a)
+    with np.errstate(all="ignore"):
+        apart = np.outer(d, d) - a**2
+        step = (b[:, None] * d[None, :] - b[None, :] * a) / apart
+        gain = 0.5 * (step * b[:, None] + step.T * b[None, :])
+        gain[apart < (1.0 - ALIKE**2) * np.outer(d, d)] = -np.inf
+    total = 0.5 * float((fitted.squares / fitted.noise**2).sum())
+    least = max(s.gain for s in own)
+    # What a single cause leaves has to shrink by a half.
+    found = [
+        (gain[i, j], i, j)
+        for i, j in zip(*np.triu_indices(len(own), 1), strict=True)
+        if np.isfinite(gain[i, j]) and total - gain[i, j] < 0.5 * (total - least)
+    ]
+    out = []
+    for _, i, j in sorted(found, reverse=True):
+        two = [(own[i], float(step[i, j])), (own[j], float(step[j, i]))]
+        limits = [problem.causes[s.cause].bounds for s, _ in two]
+        if all(low <= v <= high for (low, high), (_, v) in zip(limits, two, strict=True)):
+            first, second = (
+                replace(s, step=float(np.clip(v, -MOST, MOST)), columns=()) for s, v in two
+            )
+            out.append((first, second))
+    return out
+
+
+def equivalents(
+    problem: Problem, fitted: Fitted, seen: Directions, member: int
+) -> list[tuple[Score, float]]:
+    """Causes whose column is parallel to that of a member of a set, the others projected out.
+
+    Parameters
+    ----------
+    problem, fitted, seen
+        The problem, the set, and the directions at it.
+    member
+        Cause of the set with a global unknown.
+
+    Returns
+    -------
+    list
+        Causes and parameters with the magnitudes that replace the member, and the cosine.
+    """
+    linears = [
+        replace(x, by_further=y) for x, y in zip(fitted.linears, seen.by_further, strict=True)
+    ]
+    own = system(problem, problem.fit, fitted.members, fitted.point, linears, fitted.noise, 1.0)
+    x = fitted.point.x
+    weight = prior_of(problem, fitted.members).weights(x)
+    a = index_of(problem, fitted.members, member)
+    whole = np.block([[own.matrix, own.further.T], [own.further, own.own]])
+    g = x.size
+    parameters = [
+        (g_index, i)
+        for i, cause in enumerate(problem.causes)
+        if cause.parameter is not None
+        and i not in fitted.causes
+        and (g_index := problem.free.index(cause.parameter)) != a
+    ]
+    tried = [(g + j, m.cause, m.shape) for j, m in enumerate(seen.further)]
+    tried += [(k, i, None) for k, i in parameters]
+    best: dict[int, tuple[Score, float]] = {}
+    for k, cause, shape in tried:
+        others = [i for i in range(g) if i not in (a, k)]
+        pair = [a, k]
+        cross = whole[np.ix_(pair, others)]
+        inner = whole[np.ix_(others, others)] + np.diag(weight[others])
+        left = whole[np.ix_(pair, pair)] - cross @ np.linalg.solve(inner, cross.T)
+        if not (left[0, 0] > 0.0 and left[1, 1] > 0.0):
+            continue
+        cosine = float(left[0, 1] / np.sqrt(left[0, 0] * left[1, 1]))
+        if abs(cosine) > max(ALIKE, abs(best[cause][1]) if cause in best else 0.0):
+            step = float(np.clip(x[a] * left[0, 1] / left[1, 1], -5.0 * MOST, 5.0 * MOST))
+            best[cause] = Score(cause, shape, 0.0, step), cosine
+    return sorted(best.values(), key=lambda f: -abs(f[1]))
+
+
+def index_of(problem: Problem, members: Members, cause: int) -> int:
+    """Index of a cause among the global unknowns of a set."""
+    found = problem.causes[cause]
+    if found.parameter is not None:
+        return problem.free.index(found.parameter)
+    effects = [m.cause for m in members if problem.causes[m.cause].effect is not None]
+    return len(problem.free) + effects.index(cause)
 
 
 def _released(
@@ -139,14 +262,21 @@ def _released(
 
 
 def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
-    """Scores of offsets of each record: at most their gain, the other unknowns fixed."""
+    """Scores of errors of a sensor in each record: at most their gain, the other unknowns fixed."""
     found = {}
     for i, cause in enumerate(problem.causes):
         if cause.local is None or i in fitted.causes:
             continue
         c, gain = cause.local.index, 0.0
         for o, linear in zip(problem.fit, fitted.linears, strict=True):
-            column = np.where(o.valid[:, c], cause.local.scale / o.sd[:, c], 0.0) / fitted.noise[c]
+            readings = o.measured[:, c] - linear.residual[:, c] * o.sd[:, c]
+            pattern = {
+                "offset": np.ones_like(readings),
+                "gain": readings,
+                "delay": -np.gradient(readings, o.record.time),
+            }[cause.local.kind]
+            column = np.where(o.valid[:, c], cause.local.scale * pattern / o.sd[:, c], 0.0)
+            column /= fitted.noise[c]
             slope = float(column @ linear.residual[:, c]) / fitted.noise[c]
             gain += 0.5 * slope**2 / (float(column @ column) + 1.0)
         found[i] = Score(i, None, gain, 0.0)

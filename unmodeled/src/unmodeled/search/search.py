@@ -18,18 +18,29 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.search.evidence import Fitted, best_of, log_odds
 from unmodeled.search.fit import (
     POOR,
+    RADIUS,
     Start,
     empty_point,
     first_step,
+    fit_local,
     fit_sets,
+    noise_left,
     together,
 )
 from unmodeled.search.held_out import Predicted
 from unmodeled.search.linear import Ask, Linear, Point, evaluate, local_of, unknowns_of
 from unmodeled.search.options import Options
-from unmodeled.search.problem import Member, Members, Observed, Problem
+from unmodeled.search.problem import STRICT, Member, Members, Observed, Problem
 from unmodeled.search.progress import Stop
-from unmodeled.search.score import Directions, Score, directions, scores
+from unmodeled.search.score import (
+    Directions,
+    Score,
+    directions,
+    equivalents,
+    index_of,
+    pairs,
+    scores,
+)
 
 __all__ = ["Searched", "model_alone", "rank", "search", "with_all_records"]
 
@@ -37,8 +48,17 @@ __all__ = ["Searched", "model_alone", "rank", "search", "with_all_records"]
 WORTH, BETTER = 0.5, 0.1
 #: Share of the limit of time after which the search ends; the rest is for the held-out records.
 SEARCH = 0.6
+#: Largest deviation of a parameter, in standard deviations, at which the tabulated model is near.
+MOVED = 1.0
+#: Share of the gain of the best cause from which others are tried too, up to the second number of
+#: causes; number of pairs that are tried.
+NEARLY, MANY, PAIRS = 0.8, 24, 3
 #: Growing parts of the records to which the model alone is fitted, as shares of their durations.
 PARTS = (0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
+
+
+#: Members, the fit from which the fit of a set begins, and scores of what that one lacks.
+Job = tuple[Members, Fitted, Sequence[Score]]
 
 
 @dataclass(eq=False)
@@ -52,6 +72,8 @@ class Searched:
     """Scores at the fit of the model alone."""
     directions: Directions | None = None
     """Directions at this fit."""
+    alike: list[frozenset[int]] = field(default_factory=list)
+    """Pairs of causes with the same columns in a set."""
     ended_by: BaseException | None = None
     """``Stop`` or ``KeyboardInterrupt``, if one ended the search before its end."""
 
@@ -126,12 +148,14 @@ def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
             found.sets[fitted.causes] = fitted
 
 
-def model_alone(problem: Problem, step: Callable[[], None] = lambda: None) -> Fitted:
+def model_alone(
+    problem: Problem, step: Callable[[], None] = lambda: None, rough: bool = False
+) -> Fitted:
     """Fit of the model without causes.
 
-    If the first step does not gain what it promises, growing parts of the records are fitted: the
-    end of a record depends more strongly on the unknowns than its beginning, so that a fit of whole
-    records from poor values may end far from the best one.
+    If the first step does not gain what it promises, or a start is not known, growing parts of the
+    records are fitted: the end of a record depends more strongly on the unknowns than its
+    beginning, so that a fit of whole records from poor values may end far from the best one.
 
     Parameters
     ----------
@@ -139,6 +163,8 @@ def model_alone(problem: Problem, step: Callable[[], None] = lambda: None) -> Fi
         Model and records.
     step
         Is called before each simulation.
+    rough
+        Whether the end of the fit does not matter.
 
     Raises
     ------
@@ -146,13 +172,14 @@ def model_alone(problem: Problem, step: Callable[[], None] = lambda: None) -> Fi
         The model cannot be simulated.
     """
     point, fitted = empty_point(problem, (), problem.fit), None
+    hidden = any(q.unknown for o in problem.fit for q in o.local)
     try:
-        known = together(problem, [first_step(problem, point)], step)[0]
+        known = None if hidden else together(problem, [first_step(problem, point)], step)[0]
         start = Start((), (point,), () if known is None else known)
         for part in (1.0,) if known is not None else PARTS:
             cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
             begin = [replace(start, points=(point,))]
-            fitted = fit_sets(cut, begin, step, rough=part < 1.0)[0]
+            fitted = fit_sets(cut, begin, step, rough=rough or part < 1.0)[0]
             if fitted is not None:
                 point = fitted.point
     except Stop as stop:  # there is nothing to answer with
@@ -165,10 +192,30 @@ def model_alone(problem: Problem, step: Callable[[], None] = lambda: None) -> Fi
     return fitted
 
 
-def _start(problem: Problem, members: Members, origin: Fitted, added: Score | None) -> Start:
+def _tabulated(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Fitted | None:
+    """The tabulated model with fitted starts; None: it fails, or the fit has hardly moved."""
+    if float(np.abs(alone.point.x).max(initial=0.0)) < MOVED:
+        return None
+    point = replace(alone.point, x=np.zeros_like(alone.point.x))
+    every = np.ones(len(problem.channels))
+    run = fit_local(
+        problem, problem.fit, (), point, alone.noise, every, parts=(0.03, 0.1, 0.3, 1.0)
+    )
+    local: Fitted | None = together(problem, [run], step)[0]
+    if local is None:
+        return None
+    linears = evaluate(problem, [Ask((), local.point, problem.fit)])[0]
+    if any(x.failed for x in linears):
+        return None
+    return Fitted((), local.point, tuple(linears), noise_left(problem, linears))
+
+
+def _start(
+    problem: Problem, members: Members, origin: Fitted, added: Sequence[Score] = ()
+) -> Start:
     """Start of the fit of a set from the fit of another one.
 
-    ``added``: score of the cause that the other set lacks; None: it lacks none.
+    ``added``: scores of the causes that the other set lacks.
     """
     base, new = origin.point, unknowns_of(problem, members)
     kept = {m.cause for m in members if m in origin.members}
@@ -178,27 +225,30 @@ def _start(problem: Problem, members: Members, origin: Fitted, added: Score | No
         if key[0] == "parameter" or key[1] in kept
     }
     x = np.array([base.x[old[key]] if key in old else 0.0 for key in new])
-    same = all(
+    same = kept == set(origin.causes) and all(
         local_of(problem, members, o) == local_of(problem, origin.members, o) for o in problem.fit
     )
     known: tuple[Linear, ...] = ()
-    if added is not None and same:
-        known = _extended(problem, origin, added, [old.get(key, -1) for key in new], new)
-    if added is not None and not known and ("magnitude", added.cause, 0) in new:
-        x[new.index(("magnitude", added.cause, 0))] = added.step
+    if len(added) == 1 and same and abs(added[0].step) <= RADIUS:
+        known = _extended(problem, origin, added[0], [old.get(key, -1) for key in new], new)
+    if not known:
+        for s in added:
+            if problem.causes[s.cause].local is None:
+                x[index_of(problem, members, s.cause)] += s.step
     values = tuple(
         _carried(problem, o, origin.members, v, members)
         for o, v in zip(problem.fit, base.local, strict=True)
     )
     points = [Point(x, values)]
-    if added is not None and origin.share < POOR:
+    if added and origin.effective < POOR:
         # A model that is far off moves its parameters: also from the tabulated ones, and with the
         # expected magnitude.
         plain = np.where([key[0] == "parameter" for key in new], 0.0, x)
-        if ("magnitude", added.cause, 0) in new:
-            low, high = problem.causes[added.cause].bounds
-            at = new.index(("magnitude", added.cause, 0))
-            plain[at] = np.clip(np.sign(added.step) or 1.0, low, high)
+        for s in added:
+            if problem.causes[s.cause].effect is not None:
+                low, high = problem.causes[s.cause].bounds
+                at = index_of(problem, members, s.cause)
+                plain[at] = np.clip(np.sign(s.step) or 1.0, low, high)
         points.append(Point(plain, values))
     return Start(members, tuple(points), known)
 
@@ -245,15 +295,16 @@ def _carried(
     return np.array([known.get((q.kind, q.index), 0.0) for q in local_of(problem, new, observed)])
 
 
-def _with(origin: Fitted, score: Score) -> Members:
-    """A set with one more cause."""
-    return tuple(sorted((*origin.members, Member(score.cause, score.shape)), key=lambda m: m.cause))
+def _with(origin: Fitted, *added: Score) -> Members:
+    """A set with more causes."""
+    new = (Member(s.cause, s.shape) for s in added)
+    return tuple(sorted((*origin.members, *new), key=lambda m: m.cause))
 
 
 def _refit(
     problem: Problem,
     found: Searched,
-    jobs: Sequence[tuple[Members, Fitted, Score | None]],
+    jobs: Sequence[Job],
     check: Callable[[], None],
 ) -> list[Fitted | None]:
     """Fit sets from others, each once from each, and keep the best fit of every set."""
@@ -273,6 +324,26 @@ def _refit(
     return [found.sets.get(tuple(m.cause for m in members)) for members, _, _ in jobs]
 
 
+def without_one(
+    found: Searched, fitted: Fitted, check: Callable[[], None] = lambda: None
+) -> list[Fitted | None]:
+    """Every set with one cause less, fitted from the parameters of the larger set.
+
+    Parameters
+    ----------
+    found
+        All sets; the new ones are added.
+    fitted
+        The larger set.
+    check
+        Is called before each simulation.
+    """
+    jobs: list[Job] = [
+        (tuple(m for m in fitted.members if m is not out), fitted, ()) for out in fitted.members
+    ]
+    return _refit(found.problem, found, jobs, check)
+
+
 def with_all_records(
     found: Searched,
     sets: Sequence[Fitted],
@@ -290,7 +361,7 @@ def with_all_records(
         The time is up before the model alone was compared with all records.
     """
     problem = found.problem
-    everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=())
+    everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=(), worth=STRICT)
     out = Searched(everything, first=found.first, ended_by=found.ended_by)
     pairs = [(s, p) for s, p in zip(sets, predicted, strict=True) if p is not None]
     held = evaluate(problem, [Ask(s.members, p.point, problem.held_out) for s, p in pairs])
@@ -318,17 +389,20 @@ def with_all_records(
     best = best_of(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
-        _refit(everything, out, [(s.members, best, None) for s in smaller], check)
+        _refit(everything, out, [(s.members, best, ()) for s in smaller], check)
+        without_one(out, best_of(everything, list(out.sets.values())), check)
     except Stop as stop:
         out.ended_by = stop
     return out
 
 
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
-    """The first causes by score; errors of records take at most half of the places."""
+    """The first causes by score, and those that are nearly as good; errors of records: a half."""
+    best = max((s.gain for s in ranked), default=0.0)
+    count = min(max(tries, sum(s.gain > NEARLY * best for s in ranked)), MANY)
     of_records = [s.cause for s in ranked if problem.causes[s.cause].of_records]
-    too_many = set(of_records[(tries + 1) // 2 :])
-    return [s for s in ranked if s.cause not in too_many][:tries]
+    too_many = set(of_records[(count + 1) // 2 :])
+    return [s for s in ranked if s.cause not in too_many][:count]
 
 
 def _climb(
@@ -348,26 +422,29 @@ def _climb(
         return log_odds(problem, s, over)
 
     @cache
-    def scored(fitted: Fitted) -> list[Score]:
+    def scored(fitted: Fitted) -> tuple[list[Score], Directions]:
         seen = directions(problem, fitted, found.directions)
         found.directions = found.directions or seen
-        return scores(problem, fitted, seen)
+        return scores(problem, fitted, seen), seen
+
+    def tried(fitted: Fitted) -> list[Job]:
+        """Single causes and pairs that a set may lack."""
+        ranked, seen = scored(fitted)
+        some = [(s,) for s in _choose(problem, ranked, options.tries)]
+        two = pairs(problem, fitted, seen, ranked)[:PAIRS]
+        room = options.most - len(fitted.members)
+        return [(_with(fitted, *a), fitted, a) for a in (*some, *(two if room > 1 else ()))]
 
     def less(origin: Fitted) -> list[Fitted]:
-        """Every set with one cause less, fitted from the parameters of the larger set."""
-        jobs = [
-            (tuple(m for m in origin.members if m is not out), origin, None)
-            for out in origin.members
-        ]
-        return [f for f in _refit(problem, found, jobs, check) if f is not None]
+        return [f for f in without_one(found, origin, check) if f is not None]
 
+    tell("search")
     while len(now.members) < options.most:  # add
-        tell("search")
-        ranked = scored(now)
-        if not found.first:
-            found.first = ranked
-        jobs = [(_with(now, s), now, s) for s in _choose(problem, ranked, options.tries)]
+        jobs, first = tried(now), not found.first
+        found.first = found.first or scored(now)[0]
         fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
+        if first and (plain := _tabulated(problem, now, check)) is not None:
+            fits += [f for f in _refit(problem, found, tried(plain), check) if f is not None]
         if not fits:
             break
         best = best_of(problem, fits)
@@ -392,8 +469,28 @@ def _climb(
             rest = next((f for f in less(now) if out.cause not in f.causes), None)
             if rest is None:
                 continue
-            jobs = [(_with(rest, s), rest, s) for s in scored(rest)[:3] if s.cause != out.cause]
+            nearest = [s for s in scored(rest)[0][:3] if s.cause != out.cause]
+            jobs = [(_with(rest, s), rest, (s,)) for s in nearest]
             fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
             if fits and gain(best := best_of(problem, fits), now) > BETTER:
                 now, improved = best, True
                 break
+    if now.members:
+        _refit(problem, found, [((), now, ())], check)
+        _exchange_alike(problem, found, now, check)
+
+
+def _exchange_alike(
+    problem: Problem, found: Searched, now: Fitted, check: Callable[[], None]
+) -> None:
+    """Fit every cause and parameter with the same column as a member in its place."""
+    seen, jobs = directions(problem, now), []
+    for member in now.members:
+        if problem.causes[member.cause].local is not None:
+            continue
+        rest = tuple(m for m in now.members if m is not member)
+        for score, _ in equivalents(problem, now, seen, member.cause):
+            found.alike.append(frozenset((member.cause, score.cause)))
+            members = (*rest, Member(score.cause, score.shape))
+            jobs.append((tuple(sorted(members, key=lambda m: m.cause)), now, (score,)))
+    _refit(problem, found, jobs, check)

@@ -10,7 +10,16 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_record
-from unmodeled.search.evidence import Fitted, System, precision, prior_of, system
+from unmodeled.search.changes import explain
+from unmodeled.search.evidence import (
+    Fitted,
+    System,
+    log_odds,
+    precision,
+    prior_of,
+    system,
+    weights,
+)
 from unmodeled.search.fit import empty_point
 from unmodeled.search.held_out import Predicted, compare, predict
 from unmodeled.search.linear import (
@@ -18,12 +27,13 @@ from unmodeled.search.linear import (
     evaluate,
     local_of,
     magnitudes_at,
+    movable,
     shapes_of,
     theta_at,
 )
 from unmodeled.search.locate import cells, events, most_different, places
 from unmodeled.search.options import Options
-from unmodeled.search.problem import Problem, rms_of
+from unmodeled.search.problem import STRICT, Problem, rms_of, spread
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import (
     Channel,
@@ -37,8 +47,8 @@ from unmodeled.search.result import (
     Verdict,
     worst_of,
 )
-from unmodeled.search.score import by_record
-from unmodeled.search.search import Searched, rank, with_all_records
+from unmodeled.search.score import by_record, index_of
+from unmodeled.search.search import Searched, rank, with_all_records, without_one
 
 __all__ = ["judge"]
 
@@ -50,6 +60,18 @@ CLASS = 6
 SAME = 0.01
 #: Share of the motion that does not matter, unless the user states it.
 GOOD_ENOUGH = 0.01
+#: Number of sets from which the search for a supported one begins; log of the smallest ratio of
+#: held-out residuals without and with a member.
+SUPPORTED, WORTH_A_MEMBER = 3, 0.05
+#: Difference of the log likelihoods at the end of a 95 % interval, below which two causes are
+#: equal, and log odds above which both are possible.
+PROFILE, EQUAL, POSSIBLE = 1.92, 1.0, -7.0
+#: Errors of a sensor that differ between records: what differs, and the remedy.
+ERRORS = {
+    "offset": ("zero", "Zero the sensor before each record."),
+    "gain": ("gain", "Calibrate the sensor before each record."),
+    "delay": ("delay", "Synchronize the clocks in each record."),
+}
 #: Half width of a 95 % interval in standard deviations.
 HALF = 1.96
 
@@ -78,16 +100,32 @@ def judge(
     """
     shown = searched.problem
     tell("held_out")
-    problem, sets, weight, predicted, worse = _posterior(searched, check)
+    problem, sets, weight, predicted, worse, ours_only = _posterior(searched, check)
     tell("judge")
+    alone = next(s for s in sets if not s.causes)
     probable = sets[0]
+    trusted = _by_trust(problem, sets, options)
     sets, weight, imitations = _consistent(problem, sets, weight)
     told, classes = _told(sets, weight, options.credibility)
+    not_needed: list[int] = []
+    while failed := _not_needed(problem, shown, sets, told, predicted):
+        not_needed += failed
+        sets, weight = _without(problem, sets, failed)
+        told, classes = _told(sets, weight, options.credibility)
+    told, classes = _with_equivalents(problem, searched.alike, sets, told, classes)
     best = _representative(sets, told, classes)
-    alone = next(s for s in sets if not s.causes)
+    known = {*told, *(i for group in classes for i in group)}
+    supported: list[int] = []
+    matters = any(c.material for c in _channels(problem, shown, alone, alone, {}, options))
+    if ours_only is not None and matters and {*told} <= {*ours_only.causes}:
+        everywhere = [s for s in sets if s.causes == ours_only.causes]
+        supported = [i for i in ours_only.causes if everywhere and i not in known]
+        best = everywhere[0] if supported else best
     interrupted = _interrupted(searched.ended_by)
     missing = [s for s in (alone, best) if s.causes not in predicted]
-    if shown.held_out and problem is shown and not interrupted:  # a few runs after the limit
+    if (
+        shown.held_out and problem.fit is shown.fit and not interrupted
+    ):  # a few runs after the limit
         predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
     channels = _channels(problem, shown, alone, best, predicted, options)
     ours, base = predicted.get(best.causes), predicted.get(())
@@ -110,14 +148,30 @@ def judge(
         Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not probable,
         Reason.NOT_COMPLETE: searched.ended_by is not None,
         Reason.INTERRUPTED: interrupted or _interrupted(searched.ended_by),
+        Reason.NOT_NEEDED: bool(not_needed),
         Reason.NOISE_NOT_STATED: problem.noise_estimated,
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
         Reason.NOT_PREDICTED: lost,
     }
     unknowns, correlation = _correlation(problem, best)
+    parameters = _parameters(problem, best)
+    own, fitted = (
+        (shown, searched.sets[best.causes])
+        if shown.held_out and best.causes in searched.sets
+        else (problem, best)
+    )
+    changes = explain(
+        own,
+        fitted,
+        _covariance(own, fitted),
+        searched.sets if own is shown else {s.causes: s for s in sets},
+        [[i] for i in (*told, *supported)] + classes,
+        _parameters,
+        check,
+    )
     return Result(
-        verdict=_verdict(told, classes, channels),
+        verdict=_verdict(told, classes, supported, channels),
         reasons=tuple(reason for reason, holds in reasons.items() if holds),
         channels=channels,
         named=tuple(_named(problem, best, sets, weight, i) for i in told),
@@ -125,7 +179,11 @@ def judge(
             tuple(_named(problem, _where(sets, i), sets, weight, i) for i in group)
             for group in classes
         ),
-        parameters=_parameters(problem, best),
+        supported=tuple(_named(problem, best, sets, weight, i) for i in supported),
+        not_needed=tuple(problem.causes[i].name for i in not_needed),
+        parameters=parameters,
+        changed=changes.changed,
+        without=changes.without,
         sets=tuple(
             SetOfCauses(
                 tuple(problem.causes[i].name for i in s.causes),
@@ -141,7 +199,7 @@ def judge(
         causes=len(problem.causes),
         refused=tuple(problem.causes[i].name for i in probable.causes if i in imitations),
         complete=searched.ended_by is None,
-        notes=problem.notes,
+        notes=(*problem.notes, *trusted),
         seconds=seconds,
         records=tuple(o.record.name for o in problem.fit),
         cells=cells(problem, alone, best),
@@ -152,7 +210,9 @@ def judge(
         ),
         unknowns=unknowns,
         correlation=correlation,
-        told=tuple(problem.causes[i].name for i in best.causes) if told or classes else (),
+        reported=tuple(problem.causes[i].name for i in best.causes)
+        if told or classes or supported
+        else (),
         traces=_traces(problem, shown, alone, best, channels),
     )
 
@@ -165,12 +225,17 @@ def _interrupted(reason: BaseException | None) -> bool:
 
 
 def _verdict(
-    told: Sequence[int], classes: Sequence[Sequence[int]], channels: Sequence[Channel]
+    told: Sequence[int],
+    classes: Sequence[Sequence[int]],
+    supported: Sequence[int],
+    channels: Sequence[Channel],
 ) -> Verdict:
     if told:
         return Verdict.NAMED
     if classes:
         return Verdict.ONE_OF
+    if supported:
+        return Verdict.SUPPORTED
     if any(c.material for c in channels):
         return Verdict.UNKNOWN
     if any(replace(c, explained=c.tabulated).material for c in channels):
@@ -178,37 +243,243 @@ def _verdict(
     return Verdict.NO_GAP
 
 
+Predictions = dict[tuple[int, ...], Predicted | None]
+
+
 def _posterior(
     searched: Searched, check: Callable[[], None]
-) -> tuple[Problem, list[Fitted], Array, dict[tuple[int, ...], Predicted | None], bool]:
+) -> tuple[Problem, list[Fitted], Array, Predictions, bool, Fitted | None]:
     """Sets by posterior probability, given fitted and held-out records.
 
-    The most probable sets are fitted to all records; the model alone is among them. The last value
-    is whether the calibrated model predicts the held-out records surely worse than the tabulated
-    one.
+    The most probable sets are fitted to all records; the model alone is among them. Then: whether
+    the calibrated model predicts the held-out records surely worse than the tabulated one, and the
+    set that the held-out records support.
     """
     problem = searched.problem
-    ranked, weight = searched.ranked()
+    strict, sets = replace(problem, worth=STRICT), list(searched.sets.values())
     if not problem.held_out:
-        return problem, ranked, weight, {}, False
-    some = [s for s, w in zip(ranked, weight, strict=True) if w > UNLIKELY or not s.causes]
-    some = [*some[:PREDICTED], *(s for s in some[PREDICTED:] if not s.causes)]
-    alone = next(s for s in ranked if not s.causes)
+        return strict, *rank(strict, sets), {}, False, None
+    some: dict[tuple[int, ...], Fitted] = {}
+    for trust in (problem, strict):
+        ranked, weight = rank(trust, sets)
+        some |= {
+            s.causes: s for s, w in zip(ranked[:PREDICTED], weight, strict=False) if w > UNLIKELY
+        }
+    best = next(iter(some.values()), None)
+    for s in sets:  # what was exchanged for members of the best set
+        if best is not None and any(
+            {*s.causes} ^ {*best.causes} == pair for pair in searched.alike
+        ):
+            some[s.causes] = s
+    alone = next(s for s in sets if not s.causes)
+    some[()] = alone
     tabulated = replace(alone, point=replace(alone.point, x=np.zeros_like(alone.point.x)))
-    known: dict[tuple[int, ...], Predicted | None] = {}
+    known: Predictions = {}
+    supported: Fitted | None = None
     try:
-        *predicted, before = predict(problem, [*some, tabulated], check)
-        known = {s.causes: p for s, p in zip(some, predicted, strict=True)}
-        everything = with_all_records(searched, some, predicted, check)
+        *predicted, before = predict(problem, [*some.values(), tabulated], check)
+        known = dict(zip(some, predicted, strict=True))
+        supported = _supported(searched, list(some.values()), known, check)
+        if supported is not None:
+            some[supported.causes] = supported
+        fitted = [s for s in some.values() if s.causes in known]
+        everything = with_all_records(searched, fitted, [known[s.causes] for s in fitted], check)
     except (Stop, KeyboardInterrupt) as stop:
         searched.ended_by = stop
-        return problem, ranked, weight, known, False
+        return strict, *rank(strict, sets), known, False, supported
     searched.ended_by = everything.ended_by
-    sets, weight = everything.ranked()
     after, worse = known[()], False
     if after is not None and before is not None:
         worse = compare(after, before, alone.noise, alone.effective)[1] > 0.0
-    return everything.problem, sets, weight, known, worse
+    return everything.problem, *everything.ranked(), known, worse, supported
+
+
+def _supported(
+    searched: Searched,
+    some: Sequence[Fitted],
+    predicted: Predictions,
+    check: Callable[[], None],
+) -> Fitted | None:
+    """The smallest set of which each member surely improves the prediction of held-out records.
+
+    From the best sets, members are dropped that do not, or that have another magnitude in each
+    record, or are at a limit. ``predicted`` gets the predictions of the sets without a member.
+    """
+    problem = searched.problem
+    strict = replace(problem, worth=STRICT)
+    base, found = predicted[()], None
+    if base is None:
+        return None
+
+    def left(s: Fitted) -> float:
+        own = predicted[s.causes]
+        return math.inf if own is None else compare(own, base, s.noise, s.effective)[0]
+
+    starts = sorted((s for s in some if s.causes), key=left)[:SUPPORTED]
+    for now in starts:
+        while now.members and predicted.get(now.causes) is not None:
+            smaller = without_one(searched, now, check)
+            new = [f for f in smaller if f is not None and f.causes not in predicted]
+            for f, p in zip(new, predict(problem, new, check), strict=True):
+                predicted[f.causes] = p
+            worst, lowest = None, 0.0
+            for member, one in zip(now.members, smaller, strict=True):
+                need = _need(strict, now, member.cause, one, predicted)
+                if need < lowest:
+                    worst, lowest = one, need
+            if worst is None:
+                break
+            now = worst
+        ours = predicted.get(now.causes)
+        if not now.members or ours is None:
+            continue
+        sure = compare(ours, base, now.noise, now.effective)[2] < 0.0
+        if (
+            sure
+            and not _worse_than_constant(problem, ours)
+            and (found is None or left(now) < left(found) - WORTH_A_MEMBER)
+        ):
+            found = now
+    return found
+
+
+def _need(
+    problem: Problem, now: Fitted, cause: int, without: Fitted | None, predicted: Predictions
+) -> float:
+    """How surely a member improves the prediction of held-out records; < 0: not surely.
+
+    Lower end of the interval of the log ratio of the residuals without and with it.
+    """
+    ours, theirs = predicted[now.causes], None if without is None else predicted[without.causes]
+    if without is None or ours is None:
+        return 0.0
+    if theirs is None:  # without it, the simulation fails
+        return math.inf
+    ratio, low, _ = compare(theirs, ours, now.noise, now.effective)
+    everywhere = problem.causes[cause].local is None
+    if everywhere and (_by_record(problem, now, cause)[1] < SAME or _at_limit(problem, now, cause)):
+        return -10.0 + low
+    return low if ratio > WORTH_A_MEMBER else min(low, ratio - WORTH_A_MEMBER)
+
+
+def _at_limit(problem: Problem, fitted: Fitted, cause: int) -> bool:
+    """Whether a magnitude is at a limit that is none of its law: 0 and 1 are."""
+    found = problem.causes[cause]
+    if found.effect is None:
+        return False
+    x = fitted.point.x[index_of(problem, fitted.members, cause)]
+    return any(
+        math.isfinite(v) and abs(x - v) < 1e-6 * max(abs(v), 1.0) and v * found.effect.scale != 1.0
+        for v in found.bounds
+    )
+
+
+def _worse_than_constant(problem: Problem, predicted: Predicted) -> bool:
+    """Whether the mean of a channel would predict the held-out records better."""
+    return bool(np.any(predicted.rms(problem) > spread(problem.held_out)))
+
+
+def _not_needed(
+    problem: Problem,
+    shown: Problem,
+    sets: Sequence[Fitted],
+    told: Sequence[int],
+    predicted: Predictions,
+) -> list[int]:
+    """The first told cause that is not needed, or all if the held-out records refuse their set.
+
+    A cause is needed if the set without it was fitted, its interval or that of the evidence
+    excludes zero, and it is not at a limit.
+    """
+    if not told:
+        return []
+    best, by_causes = _representative(sets, told, ()), {s.causes: s for s in sets}
+    ours, base = predicted.get(best.causes), predicted.get(())
+    if ours is not None and base is not None:
+        worse = compare(ours, base, best.noise, best.effective)[1] > 0.0
+        if worse or _worse_than_constant(shown, ours):
+            return list(told)
+    for i in told:
+        if problem.causes[i].local is not None:
+            continue
+        rest = by_causes.get(tuple(k for k in best.causes if k != i))
+        k = index_of(problem, best.members, i)
+        x, sd = best.point.x[k], math.sqrt(max(_covariance(problem, best)[k, k], 0.0))
+        zero = abs(x) < HALF * sd and (rest is None or _worse_by(problem, rest, best) < PROFILE)
+        if rest is None or zero or _at_limit(problem, best, i):
+            return [i]
+    return []
+
+
+def _worse_by(problem: Problem, one: Fitted, other: Fitted) -> float:
+    """Difference of the negative log likelihoods of two sets."""
+    left = [problem.samples * np.log(s.noise) + 0.5 * s.squares / s.noise**2 for s in (one, other)]
+    return float(weights(problem, one, other) @ (left[0] - left[1]))
+
+
+def _without(
+    problem: Problem, sets: Sequence[Fitted], causes: Sequence[int]
+) -> tuple[list[Fitted], Array]:
+    """The sets without some causes, with their probabilities."""
+    return rank(problem, [s for s in sets if not {*s.causes} & {*causes}])
+
+
+def _with_equivalents(
+    problem: Problem,
+    alike: Sequence[frozenset[int]],
+    sets: Sequence[Fitted],
+    told: Sequence[int],
+    classes: Sequence[Sequence[int]],
+) -> tuple[list[int], list[list[int]]]:
+    """Named causes and classes, in which those are that explain the records equally well.
+
+    A law with a shape is omitted if one without explains the records as well: a dead zone or a
+    saturation whose level no record reaches is a gain.
+    """
+    names: list[int] = []
+    out: list[list[int]] = []
+    for group in (*([i] for i in told), *classes):
+        own = list(group)
+        for i in group:
+            ours = _where(sets, i)
+            for j in {k for pair in alike if i in pair for k in pair} - {*own}:
+                theirs = [s for s in sets if {*s.causes} == ({*ours.causes} - {i}) | {j}]
+                if not theirs:
+                    continue
+                equal = abs(_worse_by(problem, theirs[0], ours)) < EQUAL
+                if equal and log_odds(problem, theirs[0], ours) > POSSIBLE:
+                    own.append(j)
+        plain = [i for i in own if not _has_shape(problem, i)]
+        if plain and len(own) > len(group):
+            own = plain
+        own.sort(key=lambda i: (_has_shape(problem, i), not problem.causes[i].of_records))
+        if len(own) > 1:
+            out.append(own[:CLASS])
+        else:
+            names += own
+    return names, out
+
+
+def _has_shape(problem: Problem, cause: int) -> bool:
+    effect = problem.causes[cause].effect
+    return effect is not None and bool(movable(effect))
+
+
+def _by_trust(problem: Problem, sets: Sequence[Fitted], options: Options) -> tuple[str, ...]:
+    """A note if the told causes depend on the number of samples as which a discrepancy counts."""
+    said = {}
+    for worth in (0.5 * STRICT, STRICT, 2.0 * STRICT):
+        told, classes = _told(*rank(replace(problem, worth=worth), sets), options.credibility)
+        names = [problem.causes[i].name for i in told]
+        names += ["one of " + ", ".join(problem.causes[i].name for i in g) for g in classes]
+        said[worth] = " and ".join(names) or "nothing"
+    now = said.pop(STRICT)
+    return tuple(
+        f"If a discrepancy of the model counted as {worth:g} samples instead of {STRICT:g}, {text} "
+        "would be told"
+        for worth, text in said.items()
+        if text != now
+    )
 
 
 def _consistent(
@@ -283,15 +554,6 @@ def _representative(
     return sets[0]
 
 
-def _index(problem: Problem, fitted: Fitted, cause: int) -> int:
-    """Index of a cause among the global unknowns of a set."""
-    found = problem.causes[cause]
-    if found.parameter is not None:
-        return problem.free.index(found.parameter)
-    effects = [i for i in fitted.causes if problem.causes[i].effect is not None]
-    return len(problem.free) + effects.index(cause)
-
-
 def _covariance(problem: Problem, fitted: Fitted) -> Array:
     """Covariance of the global unknowns of a set, in their scales."""
     return _precision(problem, fitted)[1]
@@ -316,7 +578,7 @@ def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, flo
     """Magnitude in each record in its scale, and the probability of their differences."""
     from scipy.special import chdtrc
 
-    k = _index(problem, fitted, cause)
+    k = index_of(problem, fitted.members, cause)
     if len(problem.fit) < 2:
         return fitted.point.x[k : k + 1], 1.0
     values, covariance = by_record(problem, fitted, k)
@@ -333,7 +595,7 @@ def _named(
     probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
     if found.local is not None:
         return _in_each_record(problem, fitted, cause, probability)
-    k = _index(problem, fitted, cause)
+    k = index_of(problem, fitted.members, cause)
     x, sd = fitted.point.x[k], math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
     values, _ = _by_record(problem, fitted, cause)
     effect, words, shape, changes, zero = found.effect, found.effect or found.alias, None, "", 0.0
@@ -364,6 +626,9 @@ def _named(
         changes=changes,
         mechanism="" if words is None else words.mechanism,
         remedy="" if words is None else words.remedy,
+        kind="parameter" if words is None else words.kind,
+        title="" if words is None else words.label,
+        user_unit=None if effect is not None or unit != p.unit else p.user_unit,
     )
 
 
@@ -371,7 +636,8 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     """An error of a sensor in each record; its magnitude is the rms over the records."""
     found = problem.causes[cause]
     assert found.local is not None
-    key = (found.local.kind, found.local.index)
+    kind = found.local.kind
+    key = (kind, found.local.index)
     at = [
         [(q.kind, q.index) for q in local_of(problem, fitted.members, o)].index(key)
         for o in problem.fit
@@ -391,14 +657,15 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     return Named(
         cause=found.name,
         component=found.component,
-        unit=problem.units[found.local.index],
+        unit={"gain": "1", "delay": "s"}.get(kind, problem.units[found.local.index]),
         magnitude=scale * rms,
         low=scale * max(rms - half, 0.0),
         high=scale * (rms + half),
         probability=probability,
         by_record=tuple(scale * v for v in values),
-        mechanism="The sensor has another zero in each record.",
-        remedy="Zero the sensor before each record.",
+        mechanism=f"The sensor has another {ERRORS[kind][0]} in each record.",
+        remedy=ERRORS[kind][1],
+        kind="sensor",
     )
 
 
@@ -422,6 +689,7 @@ def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
                 float(max(theta[i] - half, p.lower)),
                 float(min(theta[i] + half, p.upper)),
                 p.relative,
+                p.user_unit,
             )
         )
     return tuple(out)

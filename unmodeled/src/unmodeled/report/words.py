@@ -1,0 +1,159 @@
+"""Numbers and clauses of the report: sizes in the units of a reader, changes as instructions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from unmodeled.search.result import Change, Channel, Named, ParameterValue
+from unmodeled.units import readable_unit
+
+__all__ = [
+    "clause",
+    "interval",
+    "joined",
+    "number",
+    "part",
+    "percent",
+    "scale",
+    "size_in",
+    "tabulated",
+    "times_noise",
+]
+
+#: Shares of a turn as words.
+TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters of a turn",
+         1.0: "one turn"}  # fmt: skip
+#: Largest half width of an interval with which a share of a turn is a word, and largest number of
+#: equivalents that a clause names.
+SURE, EQUIVALENTS = 0.1, 2
+
+
+def number(value: float, uncertainty: float = 0.0, sign: str = "") -> str:
+    """A number with the digits that its uncertainty supports: two of the uncertainty."""
+    if not math.isfinite(value):
+        return "-"
+    if not math.isfinite(uncertainty) or uncertainty <= 0.0:
+        return f"{value:{sign}.4g}"
+    places = 1 - math.floor(math.log10(uncertainty))
+    value = round(value, places) + 0.0  # no negative zero
+    return f"{value:{sign}.{places}f}" if 0 <= places <= 6 else f"{value:{sign}.6g}"
+
+
+def scale(low: float, high: float, unit: str, *, relative: bool = False) -> tuple[float, str]:
+    """Factor and unit in which an interval is shown, the unit with a space before it."""
+    if relative:
+        return 100.0, " %"
+    factor, name = readable_unit(max(abs(low), abs(high)), unit)
+    return factor, "" if name == "1" else f" {name}"
+
+
+def interval(x: Named | ParameterValue) -> str:
+    """Value with its unit and 95 % interval."""
+    value = x.magnitude if isinstance(x, Named) else x.value
+    relative = isinstance(x, ParameterValue) and x.relative
+    return "{}{} ({} to {})".format(*_numbers(value, x.low, x.high, x.unit, relative=relative))
+
+
+def tabulated(p: ParameterValue) -> str:
+    """Tabulated value with its unit."""
+    factor, unit = scale(p.low, p.high, p.unit, relative=p.relative)
+    return f"{number(factor * p.tabulated)}{unit}"
+
+
+def _numbers(
+    value: float, low: float, high: float, unit: str, *, relative: bool, sign: str = ""
+) -> tuple[str, str, str, str]:
+    """Value, its unit, and the ends of its interval."""
+    factor, name = scale(low, high, unit, relative=relative)
+    spread = 0.5 * factor * (high - low)
+    ends = [number(factor * v, spread, sign) for v in (low, high)]
+    return number(factor * value, spread, sign), name, *ends  # type: ignore[return-value]
+
+
+def size_in(value: float, unit: str) -> str:
+    """A size with three digits in a readable unit."""
+    factor, name = readable_unit(value, unit)
+    return f"{float(f'{factor * value:.3g}'):.6g}{'' if name == '1' else f' {name}'}"
+
+
+def percent(value: float) -> str:
+    """A share in percent, with two digits."""
+    return f"{float(f'{100.0 * value:.2g}'):g} %" if math.isfinite(value) else "-"
+
+
+def part(c: Channel, residual: float) -> str:
+    """A residual as a share of the motion, or in its unit if nothing moves."""
+    return percent(c.share(residual)) if c.motion > 0.0 else size_in(residual, c.unit)
+
+
+def times_noise(c: Channel) -> str:
+    """What remains as a multiple of the noise of the sensor; empty: it is not known."""
+    return (
+        "" if math.isnan(c.noise) else f"{float(f'{c.explained / c.noise:.2g}'):g} times the noise"
+    )
+
+
+def joined(words: Sequence[str], last: str = "and") -> str:
+    """Words as a list of a sentence."""
+    return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
+
+
+# ---------------------------------------------------------------- changes
+
+
+def clause(c: Change) -> str:
+    """A change as an instruction, with its size and interval; of a class, all equivalents."""
+    first = _clause(c)
+    if not c.equivalents:
+        return first
+    others = [_clause(e) for e in c.equivalents[: EQUIVALENTS - 1]]
+    rest = len(c.equivalents) - len(others)
+    others += [f"{rest} more that the records do not tell apart"] if rest else []
+    return f"either {joined([first, *others], 'or')}"
+
+
+def _clause(c: Change) -> str:
+    of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative)
+    size = f"{of}{name} ({low} to {high})"
+    if c.kind in ("sensor", "input"):
+        return f"correct {_with_article(c.title)} by {size}"
+    thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
+    if c.kind != "parameter" and not thing:
+        what = c.title.removesuffix(c.component).strip().removesuffix(" of")
+        return f"add {what} of {size} to {_with_article(c.component)}"
+    thing = thing or f"the parameter {c.title}"
+    if c.user_unit is not None and c.user_unit.unit == "turn":
+        return f"turn {thing} {_turns(c)} ({of}{name}, {low} to {high})"
+    if c.tabulated == 0.0 or c.relative:
+        of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative, sign="+")
+        return f"change {thing} by {of}{name} ({low} to {high}{_also(c)})"
+    ends = (c.tabulated + c.low, c.tabulated + c.high)
+    of, name, low, high = _numbers(c.tabulated + c.size, *ends, c.unit, relative=False)
+    factor, _ = scale(*ends, c.unit)
+    before = number(factor * c.tabulated)
+    return f"change {thing} from {before} to {of}{name} ({low} to {high}{_also(c)})"
+
+
+def _with_article(name: str) -> str:
+    return name if name[:4].lower() == "the " else f"the {name}"
+
+
+def _turns(c: Change) -> str:
+    """Turns of a screw, with the direction: ``by half a turn down``."""
+    assert c.user_unit is not None
+    per = c.user_unit.per_unit
+    turns, spread = abs(per * c.size), 0.5 * abs(per) * (c.high - c.low)
+    near = min(TURNS, key=lambda t: abs(t - turns))
+    words = abs(near - turns) <= spread < SURE
+    amount = TURNS[near] if words else f"{number(turns, spread)} turns"
+    return f"by {amount} {c.user_unit.words[per * c.size < 0.0]}".rstrip()
+
+
+def _also(c: Change) -> str:
+    """The change in the further unit of the user."""
+    if c.user_unit is None:
+        return ""
+    per, unit = c.user_unit.per_unit, c.user_unit.unit
+    of, name, *_ = _numbers(per * c.size, per * c.low, per * c.high, unit, relative=False, sign="+")
+    return f"; {of}{name}"

@@ -1,0 +1,106 @@
+"""The fewest parameters that explain a fit, and what is left without a change."""
+
+import numpy as np
+import pytest
+
+from unmodeled import Effect, Parameter, Record, Sensor, Verdict, diagnose
+from unmodeled.fit import LinearModel
+from unmodeled.search.changes import smallest
+
+
+def posterior(columns, truth, noise=0.1, seed=0):
+    """Estimates and covariance of a linear fit with standard normal priors."""
+    measured = columns @ truth + noise * np.random.default_rng(seed).normal(size=len(columns))
+    covariance = np.linalg.inv(columns.T @ columns / noise**2 + np.eye(columns.shape[1]))
+    return covariance @ columns.T @ measured / noise**2, covariance
+
+
+@pytest.mark.parametrize("changed", [{}, {3: 1.5}, {3: 1.5, 8: -2.0}])
+def test_the_fewest_unknowns_are_those_that_changed(changed):
+    columns = np.random.default_rng(1).normal(size=(60, 10))
+    columns += 3.0 * columns[:, :1]  # all of them act alike: the fit spreads a change over them
+    truth = np.array([changed.get(k, 0.0) for k in range(10)])
+    found = smallest(*posterior(columns, truth), range(10))
+    assert {group[0] for group in found} == set(changed)
+    assert all(len(group) == 1 for group in found)
+
+
+def test_parallel_unknowns_are_equivalents():
+    columns = np.random.default_rng(1).normal(size=(60, 6))
+    columns[:, 5] = columns[:, 2]
+    (group,) = smallest(*posterior(columns, np.eye(6)[2]), range(6))
+    assert sorted(group) == [2, 5]
+
+
+def test_all_unknowns_may_have_changed():
+    columns = np.random.default_rng(1).normal(size=(60, 2))
+    found = smallest(*posterior(columns, np.array([1.0, -2.0])), range(2))
+    assert sorted(found) == [[0], [1]]
+    (only,) = smallest(*posterior(columns[:, :1], np.array([1.0])), range(1))
+    assert only == [0]
+
+
+def test_an_unknown_that_must_stay_is_no_answer():
+    columns = np.random.default_rng(1).normal(size=(60, 6))
+    assert smallest(*posterior(columns, 2.0 * np.eye(6)[2]), [0, 1, 3, 4, 5]) == []
+
+
+def machine(twice=False, **truth):
+    """y = a u + b u^2 + c u^3; the records have other numbers; ``twice``: d does what a does."""
+    names = ["a", "b", "c", "d"] if twice else ["a", "b", "c"]
+    powers = {"a": 1, "b": 2, "c": 3, "d": 1}
+    values = dict.fromkeys(names, 1.0)
+
+    parameters = [Parameter(name=n, value=v, sd=0.1, label=f"The {n}") for n, v in values.items()]
+    columns = {n: lambda r, power=powers[n]: r.inputs["u"] ** power for n in names}
+    model = LinearModel(output="y", columns=columns, parameters=parameters)
+    rng, records = np.random.default_rng(3), []
+    for k in range(4):
+        u = np.sin(np.linspace(0.0, 6.0 + k, 200))
+        y = sum((values | truth)[n] * u ** powers[n] for n in names)
+        records.append(
+            Record(
+                name=f"r{k}",
+                time=np.linspace(0.0, 1.0, 200),
+                inputs={"u": u},
+                outputs={"y": y + 0.01 * rng.normal(size=200)},
+                sensors={"y": Sensor(name="y", sigma=0.01)},
+            )
+        )
+    return model, records
+
+
+def test_a_parameter_within_its_tolerance_is_the_answer():
+    model, records = machine(b=1.15)
+    report = diagnose(model, [], records, hold_out=["r3"])
+    assert report.verdict is Verdict.CALIBRATED
+    (change,) = report.changes
+    assert (change.name, change.tier, change.within, change.held_out) == ("b", "fitted", True, True)
+    assert change.low < 0.15 < change.high
+    # Without it, 0.15 u^2 is missing; a and c cannot stand for it.
+    u = records[3].inputs["u"]
+    motion = np.std(np.concatenate([r.outputs["y"] for r in records[:3]]))
+    assert change.takes == pytest.approx(0.15 * np.sqrt(np.mean(u**4)) / motion, rel=0.1)
+
+
+def test_equivalent_parameters_are_one_change():
+    model, records = machine(twice=True, a=1.15)
+    report = diagnose(model, [], records, hold_out=())
+    (change,) = report.changes
+    assert {change.name, *(e.name for e in change.equivalents)} == {"a", "d"}
+    assert change.size == pytest.approx(0.15, abs=0.01)
+
+
+def test_nothing_changed_nothing_is_listed():
+    model, records = machine()
+    report = diagnose(model, [], records, hold_out=["r3"])
+    assert report.changes == ()
+    assert report.changed == ()
+    assert report.summary().startswith("No cause is missing: ")
+
+
+def test_a_cause_that_takes_nothing_away_is_not_listed():
+    model, records = machine(b=1.15)
+    slope = Effect(name="more", component="c", regressor=lambda r, _: r.inputs["u"] ** 4)
+    report = diagnose(model, [slope], records, hold_out=["r3"])
+    assert [c.name for c in report.changes] == ["b"]

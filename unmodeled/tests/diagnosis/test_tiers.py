@@ -1,0 +1,133 @@
+"""What is named, what is supported, and causes that explain the records equally well."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from unmodeled import Equations, Options, Record, Sensor, Simulator, diagnose
+from unmodeled.library import bouc_wen, second_store
+from unmodeled.search.records import prepare, ready_records
+from unmodeled.search.result import Verdict
+from unmodeled.search.verdict import _need
+
+from .conftest import spring_record
+
+
+def test_a_factor_is_a_class_of_all_places_that_it_can_have():
+    t, rng, records = np.arange(0.0, 5.0, 0.05), np.random.default_rng(1), []
+    for k, a in enumerate((1.0, 1.6, 0.8)):
+        u = 2.0 + np.sin(a * t)
+        y = 0.5 * 3.0 * u + 0.01 * rng.standard_normal(t.size)
+        sensors = {"y": Sensor(name="y", sigma=0.01, unit="N")}
+        records.append(
+            Record(name=f"r{k}", time=t, inputs={"u": u}, outputs={"y": y}, sensors=sensors)
+        )
+    model = Simulator(
+        lambda time, inputs, p: {"y": p["k"] * inputs["u"]}, parameters={"k": (3.0, 0.03, "N/m")}
+    )
+    result = diagnose(model, None, records)
+    assert result.verdict is Verdict.ONE_OF
+    (group,) = result.classes
+    assert {n.cause for n in group} == {"gain of input u", "gain of sensor y", "k"}
+    sizes = {n.cause: n.magnitude for n in group}
+    assert sizes["gain of sensor y"] == pytest.approx(-0.5, abs=0.01)
+    assert sizes["gain of input u"] == pytest.approx(1.0, abs=0.04)
+    assert sizes["k"] == pytest.approx(1.5, abs=0.03)
+
+
+def test_one_sensor_has_one_noise(spring):
+    quiet, loud = (spring_record(n, 2, seed=k) for k, n in enumerate(("quiet", "loud")))
+    rng = np.random.default_rng(0)
+    records = []
+    for r, sigma in ((quiet, 1e-6), (loud, 0.05)):
+        force = 100.0 * r.inputs["x"] + sigma * rng.standard_normal(r.samples)
+        records.append(
+            Record(name=r.name, time=r.time, inputs=r.inputs, outputs={"force": force},
+                   sensors={"force": Sensor(name="force", unit="N")})
+        )  # fmt: skip
+    problem = prepare(ready_records(spring, records), (), (), Options())
+    sizes = [float(o.sd[0, 0]) for o in problem.fit]
+    assert sizes[0] == sizes[1] == pytest.approx(0.05 / np.sqrt(2.0), rel=0.2)
+
+
+@pytest.mark.parametrize(("ratio", "widens"), [(3.0, False), (0.7, True)])
+def test_bouc_wen_follows_its_own_slopes(ratio, widens):
+    """Loading has the slope 1 - (beta + gamma) |z|, unloading 1 + (beta - gamma) |z|."""
+    part = SimpleNamespace(
+        name="mass", unit="N", travel_unit="m",
+        _motion=lambda x: (x["q"], x["v"]), _push=lambda f, *_: {"v": f},
+    )  # fmt: skip
+    effect = bouc_wen(part, scale=1.0, travel=1e-3)
+    beta = 400.0
+    gamma = beta * (ratio - 2.0)
+
+    def slope(z, v):
+        x = {"q": 0.0, "v": np.array([v]), "bouc_wen.stretch": np.array([z])}
+        out = effect.rate(0.0, x, None, None, 5e4, (beta, ratio))
+        assert out["v"][0] == pytest.approx(-5e4 * z)
+        return out["bouc_wen.stretch"][0] / v
+
+    z = 2e-4
+    assert slope(z, 0.1) == pytest.approx(1.0 - (beta + gamma) * z)
+    assert slope(z, -0.1) == pytest.approx(1.0 + (beta - gamma) * z)
+    assert slope(-z, -0.1) == pytest.approx(slope(z, 0.1))
+    assert (slope(z, 0.1) > 1.0) == (gamma < -beta)
+    assert widens == (slope(z, -0.1) > slope(z, 0.1) and gamma < 0.0)
+
+
+def test_a_second_store_keeps_what_it_takes():
+    effect = second_store("T", scale=1e-4, size=20.0, times=(1e3, 1e4))
+    x = {"T": np.array([22.0]), "store.level": np.array([20.0])}
+    out = effect.rate(0.0, x, None, None, 2e-4, 1e4)
+    assert out["T"][0] == pytest.approx(-2e-4 * 2.0)
+    assert out["store.level"][0] == pytest.approx(2.0 / 1e4)
+
+
+def test_a_delay_of_two_records_is_told_for_these():
+    rng, h, n, records = np.random.default_rng(9), 1e-3, 250, []
+    for name, late in (("good 1", 0), ("good 2", 0), ("late 1", 1), ("late 2", 1)):
+        u, x, path = np.repeat(rng.uniform(-1.0, 1.0, n // 10 + 1), 10)[:n], 0.0, []
+        for v in u:
+            path.append(x)
+            x += (1.0 - np.exp(-h / 5e-3)) * (v - x)
+        y = np.r_[np.zeros(late), np.array(path)[: n - late]] + 1e-3 * rng.standard_normal(n)
+        sensors = {"x": Sensor(name="x", sigma=1e-3, unit="V")}
+        records.append(
+            Record(name=name, time=np.arange(n) * h, inputs={"u": u}, outputs={"x": y},
+                   sensors=sensors)
+        )  # fmt: skip
+    model = Equations(
+        lambda t, x, u, p: ((u.u - x.x) / p.tau,),
+        states={"x": (0.0, 0.01, "V")},
+        parameters={"tau": (5e-3, 2.5e-4, "s")},
+        hold="zero",
+        inputs={"u": "V"},
+        outputs={"x": "x"},
+    )
+    result = diagnose(model, ["delay of sensor x", "gain of input u"], records, hold_out=())
+    (cause,) = result.named
+    assert cause.cause == "delay of sensor x in each record"
+    assert cause.unit == "s"
+    assert cause.by_record == pytest.approx([0.0, 0.0, h, h], abs=0.15 * h)
+
+
+def test_a_member_that_does_not_improve_the_prediction_is_not_supported():
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((400, 1))
+    fitted = SimpleNamespace(causes=(0,), noise=np.ones(1), effective=1.0)
+    rest = SimpleNamespace(causes=())
+    local = SimpleNamespace(causes=[SimpleNamespace(local=object())])
+
+    def need(factor):
+        predicted = {
+            (0,): SimpleNamespace(residuals=(x,)),
+            (): SimpleNamespace(residuals=(factor * x,)),
+        }
+        return _need(local, fitted, 0, rest, predicted)
+
+    assert need(1.3) > 0.0
+    assert need(1.02) < 0.0  # surely better, and too little
+    assert need(0.9) < 0.0
