@@ -53,10 +53,12 @@ MAY_USE = {
         "search": f"{GROUND} data fit library",
         "report": f"{GROUND} data fit search",
         "diagnosis": f"{GROUND} blas data fit library search report",
+        "verification": f"{GROUND} data fit library search report diagnosis loading",
         "blind": f"{GROUND} blas data fit library search diagnosis",
         "experiment": f"{GROUND} data fit library search",
         "loading": f"{GROUND} data fit library search experiment",
-        "__init__": f"{GROUND} data fit library search report experiment diagnosis blind loading",
+        "__init__": f"{GROUND} data fit library search report experiment diagnosis blind loading "
+        "verification",
         "cli": f"{GROUND} blas data fit library search report experiment diagnosis blind loading "
         "__init__",
         "__main__": "cli",

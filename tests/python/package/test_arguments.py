@@ -1135,6 +1135,7 @@ CALLS = {
         "result": report(),
     },
     "unmodeled.load_model": lambda: {"name": "steinway45"},
+    "unmodeled.verify": None,  # of a stored case: unmodeled/tests/diagnosis/test_case.py
     "unmodeled.withhold": lambda: {
         "model": oscillator(),
         "effects": [DRY],

@@ -15,8 +15,9 @@ Models
 Records
     read (CSV, MAT, HDF5, NetCDF, Parquet, Feather, MCAP), records_from_frame, Record, Sensor
 Diagnosis
-    diagnose, fit_model, check (before any fit), candidates, Options, Report, Verdict; withhold: a
-    test of the diagnosis on simulated machines; read_measured, with_measured: tests of single parts
+    diagnose, fit_model, check (before any fit), candidates, Options, Report, Verdict; verify: it
+    repeats the diagnosis of a folder that report.write wrote; withhold: a test of the diagnosis on
+    simulated machines; read_measured, with_measured: tests of single parts
 Packages
     data: records and files; fit: models and priors; library: effects; search: the engine; report;
     experiment: which record next
@@ -61,6 +62,7 @@ if TYPE_CHECKING:
     from unmodeled.search.options import Options
     from unmodeled.search.progress import Progress, Stop
     from unmodeled.search.result import Verdict
+    from unmodeled.verification import Verification, verify
 
     __version__: str
 
@@ -93,6 +95,7 @@ __all__ = [
     "State",
     "Stop",
     "Verdict",
+    "Verification",
     "Withheld",
     "__version__",
     "candidates",
@@ -107,6 +110,7 @@ __all__ = [
     "read",
     "read_measured",
     "records_from_frame",
+    "verify",
     "with_measured",
     "withhold",
 ]
@@ -127,6 +131,7 @@ _LAZY = {
     "unmodeled.search.options": "Options",
     "unmodeled.search.progress": "Progress Stop",
     "unmodeled.search.result": "Verdict",
+    "unmodeled.verification": "Verification verify",
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}
 _PACKAGES = ("data", "experiment", "fit", "library", "report", "search", "units")

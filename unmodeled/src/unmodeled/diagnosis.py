@@ -14,6 +14,7 @@ from unmodeled.fit.measured import untested
 from unmodeled.fit.model import Effect, Model
 from unmodeled.library.defaults import chosen_effects
 from unmodeled.report import Report, explained_model
+from unmodeled.report.case import Given
 from unmodeled.search.compare import compared, refuse
 from unmodeled.search.options import Options
 from unmodeled.search.problem import Problem
@@ -80,6 +81,7 @@ def diagnose(
     options = options or Options()
     began = time.monotonic()
     end = began + FITS * options.seconds
+    given = (records,) if isinstance(records, Record) else tuple(records)
     meter = Meter(progress, FITS * options.seconds)
 
     def check() -> None:
@@ -89,7 +91,7 @@ def diagnose(
 
     with one_thread(), _interrupted():
         meter.stage("prepare")
-        ready = ready_records(model, records)
+        ready = ready_records(model, given)
         found, chosen = chosen_effects(ready.model, ready.records, effects, exclude)
         tested = untested(found, ready.model)
         before = compared(ready)
@@ -114,6 +116,7 @@ def diagnose(
         meter.stage("done")
     report = Report.of(result)
     report.model = explained_model(ready.model, tested, result)
+    report.case = Given(model, ready, tested, given, hold_out, options)
     return report
 
 

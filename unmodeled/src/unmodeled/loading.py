@@ -203,6 +203,7 @@ def load_model(
         There is no such model, or an argument does not belong to its kind.
     """
     from unmodeled.fit import fmu, mujoco
+    from unmodeled.fit.model import Origin
 
     parameters, unknown = parameters or {}, unknown or {}
     stem, _, attribute = name.partition(".py:")
@@ -220,6 +221,8 @@ def load_model(
         found = extension.load(name, settings or {}, channels, notify)
         if found is None:
             continue
+        given = {"settings": dict(settings or {}), "channels": tuple(channels)}
+        found.model.origin = Origin("load_model", name, given)
         if parameters or unknown:
             raise InvalidParameter(
                 f"{name}: has its own parameters; --set changes their values, instead of "
@@ -248,8 +251,10 @@ def _from_file(
     from unmodeled.experiment import Limits
     from unmodeled.fit import Model
     from unmodeled.fit.calling import calling
+    from unmodeled.fit.model import Origin
 
     names = _executed(path)
+    found = names.get(attribute or "model")
     model = _model_of(path, names, attribute or "model", parameters, unknown)
     given = names.get("effects")
     made = given if callable(given) else None
@@ -263,6 +268,11 @@ def _from_file(
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(map(str, faults)))
     assert isinstance(model, Model)
+    place, own = f"{path.absolute()}:{attribute or 'model'}", model.origin
+    if own is not None and own.made_by == "Simulator" and not isinstance(found, Model):
+        model.origin = replace(own, name=place)
+    elif own is None or own.made_by == "Simulator" or given is not None:
+        model.origin = Origin("load_model", place)
     planned = tuple(names.get("planned", ()))
     return LoadedModel(model, effects, planned, limits=limits, made=made, default=given is None)
 

@@ -75,8 +75,8 @@ def run(
     data: tuple[Path, ...] = DATA,
     hold_out: tuple[str, ...] = HOLD_OUT,
     out: Path | None = option(
-        "Folder for report.html, report.txt, report.json and the remedy; or a file for the remedy: "
-        "the numbers (TOML), a MuJoCo model (XML).",
+        "Folder for the report, the remedy, and what unmodeled verify needs; or a file for the "
+        "remedy: the numbers (TOML), a MuJoCo model (XML).",
         metavar="NAME",
     ),
     stated: Stated = STATED,
@@ -153,7 +153,7 @@ def _places(
     if folder is not None:
         make_folder(folder)
         remedy = folder / f"remedy{loaded.model.suffixes[0]}"
-        for name in ("report.html", "report.txt", "report.json"):
+        for name in ("report.html", "report.txt", "report.json", "case.json"):
             check_writable(folder / name, force=force)
     if remedy is not None:
         check_writable(remedy, force=force)

@@ -17,6 +17,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import LARGEST_JSON, NPZ_FAULTS, open_input
+from unmodeled.fit.model import Origin
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 from unmodeled.units import spelled_unit
@@ -371,6 +372,7 @@ def fmu(
         FMPy is not installed, the file is not an FMU, or the FMU does not have these variables.
     """
     path = Path(path).absolute()
+    again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
     description = _described(path)
     variables = {v.name: v for v in description.modelVariables}
     if inputs is None:
@@ -406,5 +408,6 @@ def fmu(
         workers=workers,
         name=name or description.modelName,
     )
+    out.origin = Origin("fmu", str(path), {**again, "kind": kind, "hold": hold, "name": name})
     out._open = False, every  # the records show which outputs are compared
     return out

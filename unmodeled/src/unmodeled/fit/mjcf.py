@@ -17,7 +17,7 @@ from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
 from unmodeled.fit.mjcf_changes import controls
 from unmodeled.fit.mjcf_runs import Mjcf
-from unmodeled.fit.model import Candidate, Ready
+from unmodeled.fit.model import Candidate, Origin, Ready
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 
@@ -225,6 +225,8 @@ def mujoco(
         or a keyframe of this name.
     """
     path = Path(path).absolute()
+    again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
+    how = {"key": key, "settle": settle, "hold": hold, "name": name}
     function = Mjcf(path, key, settle, hold, workers)
     known = function.properties
     listed = [p if isinstance(p, str) else p.name for p in parameters]
@@ -254,6 +256,7 @@ def mujoco(
         name=name or path.stem,
     )
     out.mjcf = function
+    out.origin = Origin("mujoco", str(path), {**again, **how})
     out._jumps = frozenset(n for n in known if n.endswith(".backlash"))
     out.effects = tuple(
         replace(e, component=e.name.rpartition(".")[0], mechanism=known[e.name].kind.mechanism)

@@ -34,6 +34,7 @@ __all__ = [
     "EffectKind",
     "Jobs",
     "Model",
+    "Origin",
     "Parameter",
     "Port",
     "Ready",
@@ -488,6 +489,17 @@ class Ready:
     sensors."""
 
 
+@dataclass(frozen=True)
+class Origin:
+    """How a model is made again."""
+
+    made_by: Literal["load_model", "fmu", "mujoco", "Simulator"]
+    name: str
+    """File, ``FILE.py:NAME``, or name that an extension knows; "": it is not known."""
+    arguments: Mapping[str, Any] = field(default_factory=dict)
+    """Other arguments of the function that makes it, without the parameters."""
+
+
 @checked
 class Model(ABC):
     """Base class of all models that can be fitted and diagnosed.
@@ -525,6 +537,8 @@ class Model(ABC):
     cheap_derivatives: bool = False
     """Whether derivatives take about as long as a simulation. If not, a fit uses them at several
     points."""
+    origin: Origin | None = None
+    """How it is made again, for a case that others repeat; None: by a script."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:

@@ -25,6 +25,7 @@ from unmodeled.fit.model import (
     Effect,
     Jobs,
     Model,
+    Origin,
     Parameter,
     Ready,
     State,
@@ -207,6 +208,8 @@ class Simulator(Model):
         self._runner = Runner(function, self.outputs, name)
         self._steps: dict[str, Step] = {}
         self._ready = False
+        again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
+        self.origin = Origin("Simulator", "", {**again, "name": name})
 
     def matched(self, records: Sequence[Record]) -> Ready:
         """See :class:`~unmodeled.fit.Model`: channels that are not stated are found by one run."""

@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from unmodeled.report.case import Given
+
 
 __all__ = ["Explained", "Report", "explained_model", "render_page"]
 
@@ -415,6 +417,8 @@ class Report(Result):
 
     model: Explained | None = None
     """The model with the fitted parameters and the named effects; None: it is not known."""
+    case: Given | None = None
+    """What the diagnosis was given, for those who repeat it; None: it is not known."""
 
     @classmethod
     @checked
@@ -559,7 +563,10 @@ class Report(Result):
 
     @checked
     def write(self, folder: str | Path, *, title: str = "Diagnosis", force: bool = False) -> Path:
-        """Write report.txt, report.html and report.json; returns the path of the page.
+        """Write the report and what repeats it; returns the path of the page.
+
+        These are report.txt, report.html and report.json, and from a diagnosis also the records,
+        the model, and all options: :func:`unmodeled.verify` repeats it. README.txt lists them.
 
         Parameters
         ----------
@@ -573,7 +580,10 @@ class Report(Result):
         at = make_folder(folder)
         write_text(at / "report.json", self.to_json(), force=force)
         write_text(at / "report.txt", self.text() + "\n", force=force)
-        return write_text(at / "report.html", self.html(title), force=force)
+        page = write_text(at / "report.html", self.html(title), force=force)
+        if self.case is not None:
+            self.case.write(at, self, force=force)
+        return page
 
 
 # ------------------------------------------------------------------- the model with what was found

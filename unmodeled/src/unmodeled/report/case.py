@@ -1,0 +1,316 @@
+"""A diagnosis as a folder that another person repeats: records, model, options, and the answer."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from functools import partial
+from importlib.metadata import entry_points, version
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from unmodeled.data import Record, write_record
+from unmodeled.files import (
+    LARGEST_FILE,
+    check_writable,
+    is_file,
+    make_folder,
+    open_input,
+    package_digest,
+    read_input,
+    read_text,
+    write_file,
+    write_text,
+)
+from unmodeled.fit.inclusion import Including
+from unmodeled.fit.model import Candidate, Effect, Model, Origin, Parameter, Ready
+from unmodeled.fit.priors import Exposed
+from unmodeled.lazy import lazy_import
+from unmodeled.report.petab import write_petab
+from unmodeled.search.options import Options
+from unmodeled.search.result import Result
+
+__all__ = ["Given", "as_made", "as_stored", "file_and_name", "sha256_of", "versions"]
+
+#: Format and version of case.json.
+FORMAT, VERSION = "unmodeled case", 1
+#: Fields of an effect that are stored: numbers and words, which can be disputed without its code.
+OF_EFFECT = ("scale", "sign", "lower", "upper", "weight", "shapes")
+
+
+# ------------------------------------------------------------------------------------ as JSON
+
+
+_STORED = {c.__name__: c for c in (Parameter, Exposed, Effect)}
+
+
+def as_stored(value: Any) -> Any:
+    """A value as JSON types: every bit of a number, infinite ones as texts.
+
+    Raises
+    ------
+    TypeError
+        It is something else, such as a function.
+    """
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else str(float(value))
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, Mapping):
+        return {str(k): as_stored(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_stored(v) for v in value]
+    if type(value) in _STORED.values() and is_dataclass(value):
+        own = {
+            f.name: v
+            for f in fields(value)
+            if (v := getattr(value, f.name)) is not f.default and v != f.default
+        }
+        return {"class": type(value).__name__} | {k: as_stored(v) for k, v in own.items()}
+    raise TypeError(f"{type(value).__name__} cannot be stored")
+
+
+def as_made(value: Any) -> Any:
+    """The value of :func:`as_stored`; lists become tuples."""
+    if isinstance(value, dict):
+        own = {k: as_made(v) for k, v in value.items()}
+        return _STORED[own.pop("class")](**own) if "class" in own else own
+    if isinstance(value, list):
+        return tuple(as_made(v) for v in value)
+    return float(value) if value in ("inf", "-inf", "nan") else value
+
+
+# ------------------------------------------------------------------------------------- writing
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a diagnosis was given, for those who repeat it."""
+
+    model: Model
+    ready: Ready
+    """Model and records as they were fitted."""
+    tested: Sequence[Effect]
+    records: tuple[Record, ...]
+    hold_out: Sequence[str] | str | None
+    options: Options
+
+    def write(self, folder: Path, result: Result, *, force: bool) -> None:
+        """Write case.json, README.txt, and the folders records, model and petab.
+
+        Parameters
+        ----------
+        folder
+            Folder with the report.
+        result
+            Result of the diagnosis.
+        force
+            False: existing files are not overwritten.
+        """
+        check_writable(folder / "case.json", force=force)
+        kept: list[Path] = []
+        rows = [self._record(folder, k, kept, force=force) for k in range(len(self.records))]
+        base, included = _without_included(self.model)
+        origin, why = _origin_of(base)
+        copied, left = "", [why] if why else []
+        if origin is not None and is_file(source := Path(file_and_name(origin.name)[0])):
+            copied, more = _copy(source, folder / "model", kept, force=force)
+            left += more
+        chosen_effects = lazy_import("unmodeled.library.defaults:chosen_effects")
+        default = {
+            e.name for e in chosen_effects(self.ready.model, self.ready.records, None, ())[0]
+        }
+        own = [e.name for e in self.tested if e.name not in default]
+        if own and not _has_effects(origin):
+            left.append(
+                f"the effects {', '.join(own)} are functions of a script: let a Python file define "
+                "them as effects, beside the model"
+            )
+        arguments = {} if origin is None else dict(origin.arguments)
+        try:
+            arguments = as_stored(arguments)
+        except TypeError as error:
+            left.append(f"an argument of its model: {error}; let a Python file define the model")
+            origin, arguments = None, {}
+        name = "" if origin is None else origin.name
+        stored = {
+            "format": FORMAT,
+            "version": VERSION,
+            "made_with": versions(),
+            "model": {
+                "name": self.model.name,
+                "made_by": None if origin is None else origin.made_by,
+                "file": f"model/{copied}" if copied else "",
+                "object": file_and_name(name)[1] if copied else name,
+                "arguments": arguments,
+                "included": [{"effect": c.name, "shape": as_stored(c.shape)} for c in included],
+                "parameters": [as_stored(p) for p in self.model.parameters],
+            },
+            "candidates": [dict(_numbers_of(e)) for e in self.tested],
+            "records": rows,
+            "hold_out": as_stored(self.hold_out),
+            "options": as_stored({f.name: getattr(self.options, f.name) for f in fields(Options)}),
+            "not_stored": left,
+        }
+        text = _readme(folder.name, stored)
+        known = self.model.parameters, self.tested
+        write_petab(folder / "petab", result, *known, force=force)
+        kept.append(folder / "report.json")
+        stored["sha256"] = {p.relative_to(folder).as_posix(): sha256_of(p) for p in kept}
+        whole = json.dumps(stored, indent=1, ensure_ascii=False, allow_nan=False)
+        write_text(folder / "case.json", whole + "\n", force=force)
+        write_text(folder / "README.txt", text, force=force)
+
+    def _record(self, folder: Path, k: int, kept: list[Path], *, force: bool) -> dict[str, Any]:
+        """Write a record, and tell how it is read again."""
+        record = self.records[k]
+        slug = re.sub(r"[^0-9A-Za-z_.-]+", "_", record.name)[:60].strip("._") or "record"
+        path = make_folder(folder / "records") / f"{k + 1:02d}_{slug}.csv"
+        kept += [write_record(record, path, force=force), path.with_suffix(".toml")]
+        own = {"inputs": [*record.inputs], "outputs": [*record.outputs]}
+        return {"file": f"records/{path.name}", "name": record.name, **own}
+
+
+def _numbers_of(effect: Effect) -> Iterator[tuple[str, Any]]:
+    """What is stored of an effect: that which can be disputed."""
+    yield from (("name", effect.name), ("component", effect.component), ("unit", effect.unit))
+    for name in OF_EFFECT:
+        try:
+            yield name, as_stored(getattr(effect, name))
+        except TypeError:  # a shape of another kind is that of the effect
+            continue
+
+
+def _without_included(model: Model) -> tuple[Model, list[Candidate]]:
+    """The model without the effects that became a part of it, and these."""
+    included: list[Candidate] = []
+    while isinstance(model, Including):
+        included = [*model._own, *included]
+        model = model._base
+    return model, included
+
+
+def _has_effects(origin: Origin | None) -> bool:
+    """Whether what makes a model also makes effects: an extension, or a file that defines them."""
+    if origin is None or origin.made_by != "load_model":
+        return False
+    file, attribute = file_and_name(origin.name)
+    text = read_text(Path(file), most=LARGEST_FILE) if attribute else "effects"
+    return re.search(r"^(def )?effects\b", text, re.MULTILINE) is not None
+
+
+def file_and_name(name: str) -> tuple[str, str]:
+    """File and name in it of ``FILE.py:NAME``."""
+    stem, mark, attribute = name.rpartition(".py:")
+    return (f"{stem}.py", attribute) if mark else (name, "")
+
+
+def _origin_of(model: Model) -> tuple[Origin | None, str]:
+    """How a model is made again, and if that is not known, why."""
+    origin = model.origin
+    if origin is not None and origin.name:
+        return origin, ""
+    for title, module in list(sys.modules.items()):  # a model of an imported file
+        file = getattr(module, "__file__", None) or ""
+        if title != "__main__" and file.endswith(".py"):
+            for name, value in list(vars(module).items()):
+                if value is model:
+                    return Origin("load_model", f"{file}:{name}"), ""
+    function = getattr(model, "_function", None)
+    code = getattr(function, "__code__", None)
+    if function is not None and code is not None and is_file(Path(code.co_filename)):
+        top = function.__qualname__ == function.__name__ != "<lambda>"
+        if top and origin is not None and function.__module__ != "__main__":
+            return replace(origin, name=f"{code.co_filename}:{function.__name__}"), ""
+    what = "a function" if origin is not None else "an object"
+    why = f"the model {model.name} is {what} of a script or a session, which no file holds alone"
+    return (origin, why) if origin is not None else (None, why)
+
+
+def _copy(source: Path, folder: Path, kept: list[Path], *, force: bool) -> tuple[str, list[str]]:
+    """Copy the file of a model, and those to which an XML file refers.
+
+    Returns its place in the folder, and what is not copied.
+    """
+    found, outside = _with_parts(source) if source.suffix == ".xml" else ({source}, [])
+    base = source.absolute().parent
+    for path in sorted(found):
+        target = folder / path.absolute().relative_to(base)
+        for parent in reversed(target.relative_to(folder.parent).parents[:-1]):
+            make_folder(folder.parent / parent)
+        data = read_input(path, most=LARGEST_FILE)
+        kept.append(write_file(target, partial(_put, data=data), force=force))
+    return source.name, [f"{path}, to which {source.name} refers" for path in outside]
+
+
+def _put(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _with_parts(source: Path) -> tuple[set[Path], list[str]]:
+    """Files of a MuJoCo model below its folder, and others to which it refers."""
+    base, found, outside = source.absolute().parent, {source.absolute()}, []
+    todo, folders = [source.absolute()], [Path()]
+    names: list[str] = []
+    while todo:
+        root = ElementTree.fromstring(read_input(todo.pop(), most=LARGEST_FILE))
+        for element in root.iter():
+            folders += [Path(v) for k, v in element.attrib.items() if k.endswith("dir")]
+            name = element.get("file")
+            if name and element.tag == "include" and (base / name) not in found:
+                todo.append(base / name)
+                found.add(base / name)
+            elif name:
+                names.append(name)
+    for name in names:
+        there = [base / d / name for d in folders if is_file(base / d / name)]
+        inside = [p for p in there if ".." not in p.parts and p.is_relative_to(base)]
+        found |= set(inside[:1])
+        outside += [] if inside else [name]
+    return found, outside
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file."""
+    with open_input(path, most=LARGEST_FILE) as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Versions of the programs that make an answer, and the hash of this package."""
+    names = ["unmodeled", "numpy", "scipy"]
+    names += [
+        e.dist.name
+        for e in entry_points(group=lazy_import("unmodeled.loading:GROUP"))
+        if e.dist is not None
+    ]
+    found = {n: version(n) for n in dict.fromkeys(names)}
+    return {**found, "python": platform.python_version(), "code": package_digest("unmodeled")}
+
+
+def _readme(folder: str, case: Mapping[str, Any]) -> str:
+    """What the folder holds, and how it is repeated."""
+    left = case["not_stored"]
+    model = case["model"]
+    lines = [
+        f"Diagnosis of {model['name']} with unmodeled {case['made_with']['unmodeled']}.",
+        "",
+        "report.html, report.txt, report.json: the answer.",
+        "case.json: model with its priors, candidates, options, versions, and hashes of the files.",
+        "records/: the measured runs, in SI units. model/: the file of the model, if there is one.",
+        "petab/: the searched sets of causes as files of PEtab Select.",
+        "",
+        "Repeat it, and compare the numbers:",
+        f"    unmodeled verify {folder}{' --model FILE.py:NAME' if left else ''}",
+        "Change a prior, a candidate or an option in case.json, and see what it does.",
+        "Verify executes a Python model: only repeat cases that you trust.",
+    ]
+    lines += ["", "Not stored:", *(f"- {text}" for text in left)] if left else []
+    return "\n".join(lines) + "\n"

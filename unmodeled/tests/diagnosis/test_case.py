@@ -1,0 +1,232 @@
+"""A diagnosis as a folder that another person repeats: what it holds, and what verify says."""
+
+import importlib.util
+import json
+import sys
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+import unmodeled
+from unmodeled import Options, Record, Sensor, Simulator, StartPrior
+from unmodeled.cli import main
+from unmodeled.data import read_record, write_record
+from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.fit.model import prior_jobs
+
+LINE = """
+def line(time, inputs, parameters):
+    return {"x": parameters["gain"] * inputs["force"] + parameters["offset"]}
+"""
+PRIOR = {"gain": (2.1, 0.2, "m/N")}
+UNKNOWN = {"offset": "m"}
+
+
+def run(*arguments):
+    with pytest.raises(SystemExit) as end:
+        main([str(a) for a in arguments])
+    return end.value.code
+
+
+def records():
+    """Three runs of a machine with an offset of 0.3 m, the last one with a name like a path."""
+    time = np.linspace(0.0, 1.0, 60)
+    found = []
+    for k, name in enumerate(("a", "b", "runs/third run")):
+        force = (1.0 + k) * np.sin(7.0 * time + k)
+        x = 2.0 * force + 0.3 + 1e-3 * np.random.default_rng(k).standard_normal(time.size)
+        sensors = {"x": Sensor(name="x", unit="m", sigma=1e-3)}
+        given = {"inputs": {"force": force}, "outputs": {"x": x}, "sensors": sensors}
+        found.append(Record(name=name, time=time, **given))
+    return found
+
+
+@pytest.fixture
+def rig(tmp_path, monkeypatch):
+    """An imported file that defines the function."""
+    (tmp_path / "rig.py").write_text(LINE)
+    spec = importlib.util.spec_from_file_location("rig_of_test", tmp_path / "rig.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    monkeypatch.setitem(sys.modules, "rig_of_test", module)
+    return module
+
+
+def diagnosed(function, **more):
+    model = Simulator(function, parameters=PRIOR, unknown=UNKNOWN)
+    return model.diagnose(records(), exclude=["sensor*", "input*"], **more)
+
+
+def edited(path, change):
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+
+
+def test_a_case_is_repeated_and_its_numbers_agree(rig, tmp_path):
+    report = diagnosed(rig.line, options=Options(seconds=60.0))
+    assert [n.cause for n in report.named] == ["offset"]
+    report.write(tmp_path / "case")
+    found = unmodeled.verify(tmp_path / "case")
+    assert found.agrees, str(found)
+    one, other = (x.as_dict() for x in (report, found.report))
+    assert one["sets"] == other["sets"]
+    assert one["parameters"] == other["parameters"]
+    rows = {r.what: r for r in found.rows}
+    assert rows["offset"].stored == pytest.approx(0.3, rel=1e-2)
+    assert rows["parameter gain"].again == pytest.approx(2.0, rel=1e-2)
+    assert "Not stored" not in (tmp_path / "case" / "README.txt").read_text()
+
+
+def test_what_changed_in_a_case_is_told_with_an_exit_code(rig, tmp_path, capsys):
+    at = tmp_path / "case"
+    diagnosed(rig.line).write(at)
+    assert run("verify", at) == 0
+    assert "The answer is the same" in capsys.readouterr().out
+    whole = (at / "case.json").read_text()
+
+    def narrow(case):
+        case["model"]["parameters"][0]["sd"] = 1e-4
+
+    edited(at / "case.json", narrow)  # a disputed prior: the gain stays at 2.1
+    assert run("verify", at, "--json") == 1
+    rows = {r["what"]: r for r in json.loads(capsys.readouterr().out)["rows"]}
+    gain = rows["parameter gain"]
+    assert not gain["agrees"]
+    assert (gain["stored"], gain["again"]) == pytest.approx((2.0, 2.1), rel=5e-3)
+    (at / "case.json").write_text(whole)
+    file = at / "records" / "03_runs_third_run.csv"
+    lines = file.read_text().splitlines()
+    lines[30] = ",".join([*lines[30].split(",")[:2], "4.0"])
+    file.write_text("\n".join(lines) + "\n")
+    assert run("verify", at) == 1
+    said = capsys.readouterr().out
+    assert "The answer is another one" in said
+    assert "- file records/03_runs_third_run.csv: the stored hash in the case, changed now" in said
+
+
+def test_a_model_that_no_file_holds_is_told_and_given_to_verify(rig, tmp_path, capsys):
+    factor = 1.0
+    report = diagnosed(lambda t, u, p: {"x": factor * p["gain"] * u["force"] + p["offset"]})
+    at = tmp_path / "case"
+    report.write(at)
+    said = (at / "README.txt").read_text()
+    assert "--model FILE.py:NAME" in said
+    assert "which no file holds alone" in said
+    with pytest.raises(InvalidParameter, match=r"is not stored.*--model FILE\.py:NAME"):
+        unmodeled.verify(at)
+    assert run("verify", at, "--model", f"{rig.__file__}:line") == 0
+    (tmp_path / "other.py").write_text(LINE.replace("offset", "shift"))
+    assert run("verify", at, "--model", f"{tmp_path / 'other.py'}:line") == 2
+    assert "shift" in capsys.readouterr().err
+
+
+def test_an_effect_of_a_script_is_told(rig, tmp_path):
+    own = unmodeled.Effect(
+        name="wobble",
+        component="table",
+        unit="m",
+        observe=lambda r, y, m, s: y + m[:, None, None] * np.sin(50.0 * r.time)[:, None],
+    )
+    report = Simulator(rig.line, parameters=PRIOR, unknown=UNKNOWN).diagnose(
+        records(), effects=[own]
+    )
+    report.write(tmp_path / "case")
+    assert "the effects wobble are functions" in (tmp_path / "case" / "README.txt").read_text()
+    with pytest.raises(InvalidParameter, match="no effect wobble is known"):
+        unmodeled.verify(tmp_path / "case")
+
+
+def test_a_mujoco_model_is_stored_with_its_parts_and_its_included_effects(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "robot" / "parts").mkdir(parents=True)
+    (tmp_path / "robot" / "arm.xml").write_text(
+        '<mujoco><compiler meshdir="parts"/><include file="parts/body.xml"/><actuator>'
+        '<motor name="m" joint="j"/></actuator></mujoco>'
+    )
+    (tmp_path / "robot" / "parts" / "body.xml").write_text(
+        '<mujoco><asset><mesh name="t" file="t.obj"/></asset><worldbody><body><joint name="j" '
+        'axis="0 1 0"/><geom type="box" size=".1 .02 .02" pos=".1 0 0"/><geom type="mesh" mesh="t" '
+        'contype="0" conaffinity="0"/></body></worldbody></mujoco>'
+    )
+    (tmp_path / "robot" / "parts" / "t.obj").write_text(
+        "v 0 0 0\nv .1 0 0\nv 0 .1 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    )
+    make = {"parameters": {"j.damping": (0.05, 0.05)}, "inputs": ["m"], "outputs": ["j"]}
+    model = unmodeled.mujoco(tmp_path / "robot" / "arm.xml", **make)
+    time = np.arange(150) * 0.01
+    given = {"time": time, "inputs": {"m": 0.5 * np.sin(9.0 * time)}}
+    blank = Record(name="a", outputs={"j": time}, **given)
+    y = model.simulate(blank, prior_jobs(model, blank))[0, :, 0]
+    noisy = y + 1e-4 * np.random.default_rng(0).standard_normal(time.size)
+    sensors = {"j": Sensor(name="j", unit="rad", sigma=1e-4)}
+    record = Record(name="a", outputs={"j": noisy}, sensors=sensors, **given)
+    dry = {e.name: e for e in model.effects}["j.frictionloss"]
+    richer = unmodeled.including(model, [replace(dry, scale=0.01)], sds=[0.01])
+    richer.diagnose(record, effects=(), hold_out=()).write(tmp_path / "case")
+    kept = sorted(p.name for p in (tmp_path / "case" / "model").rglob("*") if p.is_file())
+    assert kept == ["arm.xml", "body.xml", "t.obj"]
+    found = unmodeled.verify(tmp_path / "case")
+    assert found.agrees, str(found)
+    assert {"parameter j.damping", "parameter j.frictionloss"} <= {r.what for r in found.rows}
+
+
+def test_records_come_back_bit_by_bit(tmp_path):
+    generator = np.random.default_rng(1)
+    time = 0.1 + np.cumsum(generator.uniform(1e-3, 1.0, 200)) / 3.0
+    x = generator.standard_normal(200) * 10.0 ** generator.integers(-9, 9, 200)
+    x[7] = np.nan
+    sensor = Sensor(name="x", unit="m", sigma=1 / 3, quantum=1e-3, delay=0.1, bandwidth=70.0,
+                    gain=1.1, offset=0.01, gain_sd=0.02, offset_sd=0.1, delay_sd=1e-3)  # fmt: skip
+    record = Record(
+        name="x/ü", time=time, inputs={"u": time / 7.0}, outputs={"x": x},
+        sensors={"x": sensor}, input_units={"u": "N"}, input_sigma={"u": 0.1}, role="held_out",
+        start=StartPrior(mean={"q": 1 / 7}, sd={"q": 0.1}), conditions={"humidity": 0.4},
+    )  # fmt: skip
+    back = read_record(write_record(record, tmp_path / "r.csv"), inputs=["u"], outputs=["x"])
+    for f in fields(Record):
+        if f.name not in ("time", "inputs", "outputs", "notes", "source"):
+            assert getattr(back, f.name) == getattr(record, f.name), f.name
+    assert np.array_equal(back.time, time)
+    assert np.array_equal(back.inputs["u"], record.inputs["u"])
+    assert np.array_equal(back.outputs["x"], x, equal_nan=True)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c.update(version=99), "got unmodeled case 99, expected unmodeled case 1"),
+        (lambda c: c.pop("options"), "lacks options"),
+        (lambda c: c["sha256"].update({"../x": "0"}), "files outside of the folder"),
+        (lambda c: c["sha256"].update({"records/x.csv": "0"}), "lacks files: records/x.csv"),
+    ],
+)
+def test_a_folder_that_is_no_case_is_told(rig, tmp_path, change, said):
+    with pytest.raises(DataError, match=r"holds no case\.json"):
+        unmodeled.verify(tmp_path)
+    diagnosed(rig.line).write(tmp_path / "case")
+    edited(tmp_path / "case" / "case.json", change)
+    with pytest.raises(DataError, match=said):
+        unmodeled.verify(tmp_path / "case")
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # petab, with a later pandas
+def test_petab_select_reads_the_sets_of_causes(rig, tmp_path):
+    petab_select = pytest.importorskip("petab_select", reason="reads the files of PEtab Select")
+    model = Simulator(rig.line, parameters=PRIOR, unknown=UNKNOWN)
+    report = model.diagnose(records(), exclude=["sensor*"])
+    report.write(tmp_path / "case")
+    at = tmp_path / "case" / "petab"
+    problem = petab_select.Problem.from_yaml(at / "problem.yaml")
+    shaped = problem.metaparameters["dead_zone_of_input_force"]
+    assert shaped == ["dead_zone_of_input_force_magnitude", "dead_zone_of_input_force_level"]
+    models = petab_select.Models.from_yaml(at / "models.yaml")
+    assert len(models) == len(report.sets)
+    best = petab_select.analyze.get_best(models, criterion=problem.criterion)
+    assert report.sets[0].causes == ("offset",)
+    assert best.get_estimated_parameter_ids() == ["gain", "offset"]
+    assert best.estimated_parameters == pytest.approx({"offset": 0.3}, rel=1e-2)
+    for one, s in zip(models, report.sets, strict=True):
+        found = np.exp(-0.5 * one.get_criterion(problem.criterion))
+        assert found == pytest.approx(max(s.probability, 1e-300), rel=1e-6)
