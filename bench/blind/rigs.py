@@ -275,7 +275,7 @@ def _late() -> Task:
         y = np.r_[np.zeros(late), np.array(path)[: n - late]] + 1e-3 * rng.standard_normal(n)
         sensors = {"x": Sensor(name="x", sigma=1e-3, unit="V")}
         records.append(
-            Record(name=name, time=np.arange(n) * h, inputs={"u": u}, outputs={"x": y},
+            Record(name=name, time=h * np.arange(float(n)), inputs={"u": u}, outputs={"x": y},
                    sensors=sensors)
         )  # fmt: skip
     model = Equations(
@@ -305,7 +305,7 @@ def _second_store() -> Task:
                 q = (wall - room) / 1.1e-3
                 room += dt / 20.0 * (p + q) / 2e6
                 wall += dt / 20.0 * (-q + (a - wall) / 4e-3) / 9e6
-        made.append((np.arange(n) * dt, {"Ta": outside, "Ph": heat}, np.array(path)))
+        made.append((dt * np.arange(float(n)), {"Ta": outside, "Ph": heat}, np.array(path)))
     model = Equations(
         lambda t, x, u, p: (((u.Ta - x.T) / p.R + u.Ph) / p.C,),
         states={"T": (20.0, 0.1, "degC")},

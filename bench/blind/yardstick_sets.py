@@ -356,7 +356,14 @@ def _go1(sigma: float | None = 2e-3) -> Task:
     return Task(model, effects, records, truth)
 
 
-MEASURED = (_emps, _silverbox, _tanks, _go1, *rigs.MEASURED, functools.partial(_go1, None))
+MEASURED: tuple[Callable[[], Task], ...] = (
+    _emps,
+    _silverbox,
+    _tanks,
+    _go1,
+    *rigs.MEASURED,
+    functools.partial(_go1, None),
+)
 
 
 # ---------------------------------------------------------------- trials

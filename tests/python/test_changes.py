@@ -44,7 +44,7 @@ def apply(page, folder):
             touched += re.findall(r"^\+\+\+ b/(\S+)", text, re.MULTILINE)
             command = ["patch", "-p1", "--silent", "--fuzz=0"]
             subprocess.run(command, cwd=folder, input=text, text=True, check=True, timeout=60)
-        elif name.startswith(("cpp/", "python/")):
+        elif name.startswith(("cpp/", "python/", "unmodeled/")):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (folder / name).write_text(text, encoding="utf-8")
             touched.append(name)

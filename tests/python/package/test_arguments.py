@@ -1104,13 +1104,13 @@ CALLS = {
         "exclude": (),
         "hold_out": None,
         "options": unmodeled.Options(),
-        "tell": None,
+        "progress": None,
     },
     "unmodeled.fit_model": lambda: {
         "model": oscillator(),
         "records": [record()],
         "options": None,
-        "tell": None,
+        "progress": None,
     },
     "unmodeled.Measured": lambda: {"parameter": "k", "value": 99.0, "sd": 1.0, "how": "scale"},
     "unmodeled.read_measured": lambda: {

@@ -160,9 +160,9 @@ def test_tests_of_a_model_that_includes_effects_are_kept(data):
 def test_a_test_that_the_records_contradict_is_told():
     test = Measured(parameter="k", value=100.0, sd=0.5)
     report = diagnose(with_measured(NOMINAL, [test]), (CUBIC,), models.records(1))
-    (named,) = report.named
-    assert (named.cause, named.parameter) == ("k", True)
-    assert named.low < 96.0 < named.high
+    change = next(c for c in report.changes if c.name == "k")
+    assert change.within is False
+    assert change.low < 96.0 - 100.0 < change.high
 
 
 def test_faults_of_names_are_told_with_the_file(tmp_path):

@@ -389,7 +389,7 @@ def _not_needed(
     """The first told cause that is not needed, or all if the held-out records refuse their set.
 
     A cause is needed if the set without it was fitted, its interval or that of the evidence
-    excludes zero, and it is not at a limit.
+    excludes zero.
     """
     if not told:
         return []
@@ -406,7 +406,7 @@ def _not_needed(
         k = index_of(problem, best.members, i)
         x, sd = best.point.x[k], math.sqrt(max(_covariance(problem, best)[k, k], 0.0))
         zero = abs(x) < HALF * sd and (rest is None or _worse_by(problem, rest, best) < PROFILE)
-        if rest is None or zero or _at_limit(problem, best, i):
+        if rest is None or zero:
             return [i]
     return []
 
@@ -424,6 +424,12 @@ def _without(
     return rank(problem, [s for s in sets if not {*s.causes} & {*causes}])
 
 
+def _tested(problem: Problem, cause: int) -> bool:
+    """Whether the part of a parameter was tested by itself."""
+    of = problem.causes[cause].parameter
+    return of is not None and problem.model.parameters[of].before is not None
+
+
 def _with_equivalents(
     problem: Problem,
     alike: Sequence[frozenset[int]],
@@ -434,7 +440,8 @@ def _with_equivalents(
     """Named causes and classes, in which those are that explain the records equally well.
 
     A law with a shape is omitted if one without explains the records as well: a dead zone or a
-    saturation whose level no record reaches is a gain.
+    saturation whose level no record reaches is a gain. A part that was tested by itself is not
+    put beside another cause: its test contradicts it.
     """
     names: list[int] = []
     out: list[list[int]] = []
@@ -447,7 +454,9 @@ def _with_equivalents(
                 if not theirs:
                     continue
                 equal = abs(_worse_by(problem, theirs[0], ours)) < EQUAL
-                if equal and log_odds(problem, theirs[0], ours) > POSSIBLE:
+                if _tested(problem, j) or not equal:
+                    continue
+                if log_odds(problem, theirs[0], ours) > POSSIBLE:
                     own.append(j)
         plain = [i for i in own if not _has_shape(problem, i)]
         if plain and len(own) > len(group):
