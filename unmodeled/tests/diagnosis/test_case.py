@@ -13,7 +13,8 @@ from unmodeled import Options, Record, Sensor, Simulator, StartPrior
 from unmodeled.cli import main
 from unmodeled.data import read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.fit.model import prior_jobs
+from unmodeled.fit.model import Parameter, UserUnit, prior_jobs
+from unmodeled.report.case import as_made, as_stored
 
 LINE = """
 def line(time, inputs, parameters):
@@ -230,3 +231,9 @@ def test_petab_select_reads_the_sets_of_causes(rig, tmp_path):
     for one, s in zip(models, report.sets, strict=True):
         found = np.exp(-0.5 * one.get_criterion(problem.criterion))
         assert found == pytest.approx(max(s.probability, 1e-300), rel=1e-6)
+
+
+def test_the_unit_of_a_user_is_stored():
+    """A screw has turns beside its length."""
+    screw = Parameter(name="screw", value=0.0, sd=1e-4, user_unit=UserUnit("turn", 1430.0))
+    assert as_made(as_stored(screw)) == screw

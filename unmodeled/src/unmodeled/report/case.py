@@ -30,7 +30,7 @@ from unmodeled.files import (
     write_text,
 )
 from unmodeled.fit.inclusion import Including
-from unmodeled.fit.model import Candidate, Effect, Model, Origin, Parameter, Ready
+from unmodeled.fit.model import Candidate, Effect, Model, Origin, Parameter, Ready, UserUnit
 from unmodeled.fit.priors import Exposed
 from unmodeled.lazy import lazy_import
 from unmodeled.report.petab import write_petab
@@ -48,7 +48,7 @@ OF_EFFECT = ("scale", "sign", "lower", "upper", "weight", "shapes")
 # ------------------------------------------------------------------------------------ as JSON
 
 
-_STORED = {c.__name__: c for c in (Parameter, Exposed, Effect)}
+_STORED = {c.__name__: c for c in (Parameter, Exposed, Effect, UserUnit)}
 
 
 def as_stored(value: Any) -> Any:
