@@ -44,8 +44,10 @@ def scatter_of(force: Array) -> float:
     Parameters
     ----------
     force
-        Force in the order of the displacement, (n,).
+        Force in the order of the displacement, (n,). Fewer than four samples show no noise: 0.
     """
+    if force.size < 4:
+        return 0.0
     return 1.4826 * float(np.median(np.abs(np.diff(force, 3)))) / float(np.sqrt(20.0))
 
 

@@ -287,7 +287,8 @@ def test_the_load_of_an_approach_is_subtracted_and_its_end_is_told(tmp_path, off
 
     blind = read("displacement [mm]", x)
     (at,) = [note for note in blind.notes if "no load below a displacement of" in note]
-    assert float(at.split(" mm")[0].split()[-1]) == pytest.approx(0.4, abs=0.02)
+    # A toe that may be smooth begins earlier than the power law of these samples.
+    assert float(at.split(" mm")[0].split()[-1]) == pytest.approx(0.4, abs=0.05)
     felt = read("displacement [mm]", x, zero=0.4e-3)
     assert any("free approach" in note for note in felt.notes) == (offset != 0.0)
     assert not any("no load below" in note for note in felt.notes)

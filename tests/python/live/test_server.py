@@ -565,12 +565,12 @@ def test_a_stopped_diagnosis_answers_with_the_fits_so_far(fitted, monkeypatch):
     """The button raises Stop where the diagnosis tells its progress, in another thread."""
     messages, waiting = [], threading.Event()
 
-    def endless(_model, _effects, _records, *, options, tell):
+    def endless(_model, _effects, _records, *, options, progress):
         assert options.seconds == 300.0
         waiting.set()
         with contextlib.suppress(*([Stop] if fitted else [])):
             while True:
-                tell(Progress("search", 0.5, math.nan, 1.0))
+                progress(Progress("search", 0.5, math.nan, 1.0))
                 time.sleep(0.01)
         return SimpleNamespace()
 
