@@ -624,7 +624,7 @@ class Model(ABC):
         ----------
         records
             Measured runs.
-        options, tell
+        options, progress
             As for :func:`unmodeled.fit_model`.
 
         Returns
