@@ -20,7 +20,9 @@ AWAY = 2.0
 
 
 def bouc_wen(c: Part, *, scale: float, travel: float) -> Effect:
-    """Hysteresis F = k z, dz/dt = v - beta |v| z - gamma v |z| (Bouc 1967, Wen 1976).
+    """Hysteresis of Bouc (1967) and Wen (1976): a spring with a slip that depends on its force.
+
+    ``F = k z, dz/dt = v - beta |v| z - gamma v |z|``.
 
     The shape is (beta, 2 + gamma / beta). A branch that loads has the slope 1 - (beta + gamma)
     ``|z|``, one that unloads 1 + (beta - gamma) ``|z|``: with gamma = beta a spring in series with
