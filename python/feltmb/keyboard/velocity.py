@@ -18,8 +18,8 @@ __all__ = ["VelocityCurve"]
 class VelocityCurve:
     """Velocity over the logarithm of the hammer speed: a line, or a line through each two points.
 
-    The default is 52 + 25 log2(v), v in m/s, the relation that is published for the Boesendorfer
-    SE: velocity 1 at 0.24 m/s, 127 at 8 m/s.
+    The default is 52 + 25 log2(v), v in m/s, the map that Goebl chose for his recordings with a
+    Boesendorfer SE290 [1]_: velocity 1 at 0.24 m/s, 127 at 8 m/s.
 
     Attributes
     ----------
@@ -27,6 +27,11 @@ class VelocityCurve:
         Speeds of the hammer at the string [m/s], increasing.
     velocities : sequence of float
         Their MIDI velocities [1], increasing.
+
+    References
+    ----------
+    .. [1] W. Goebl, The role of timing and intensity in the production and perception of melody in
+       expressive piano performance, doctoral thesis, University of Graz, 2003, eq. (3.2).
     """
 
     speeds: Sequence[float] = (2.0 ** (-51 / 25), 2.0**3)
