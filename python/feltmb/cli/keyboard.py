@@ -246,7 +246,7 @@ def sensor_command(
     save_figure(image, lambda: record.plot(setup), force=force)
 
 
-@declare("strokes", command, "Write labelled records (Parquet).")
+@declare("strokes", command, "Write labeled records (Parquet).")
 def strokes(
     action: str = ACTION,
     sensor: str = SENSOR,
@@ -259,17 +259,17 @@ def strokes(
     ),
     force: bool = FORCE,
 ) -> None:
-    """Write labelled records: random strokes of ACTION, what the sensor reads, and the truth.
+    """Write labeled records: random strokes of ACTION, what the sensor reads, and the truth.
 
     The strokes are struck, pressed, staccato, repeated and repeated from half returns, from ppp to
     fff. The same seed makes the same records.
     """
-    from feltmb.keyboard import labelled_strokes, write_set
+    from feltmb.keyboard import labeled_strokes, write_set
 
     check_targets(out, force=force)
     curve = _curve(points)
     with working("simulating"):
-        setup, made = labelled_strokes(action, sensor, records, seed=seed, jobs=jobs)
+        setup, made = labeled_strokes(action, sensor, records, seed=seed, jobs=jobs)
         write_set(out, setup, made, curve=curve, force=force)
     for note in setup.sensor.notes:
         complain(f"note: {note}")
@@ -280,7 +280,7 @@ def strokes(
 def score_of(
     algorithm: str = argument(),
     given: Path | None = option(
-        "Labelled records of feltmb keyboard strokes; default: simulate --count of them.",
+        "Labeled records of feltmb keyboard strokes; default: simulate --count of them.",
         words="--set",
         metavar="FILE",
     ),
@@ -300,13 +300,13 @@ def score_of(
     samples and the setup, or a program that is called with a CSV file of samples and a JSON file of
     the setup and prints CSV with the columns time,speed.
     """
-    from feltmb.keyboard import labelled_strokes, load_algorithm, read_set, score
+    from feltmb.keyboard import labeled_strokes, load_algorithm, read_set, score
 
     check_targets(out, pictures=(image,), force=force)
     name, function = load_algorithm(algorithm)
     with working("simulating"):
         if given is None:
-            setup, made = labelled_strokes(action, sensor, records, seed=seed)
+            setup, made = labeled_strokes(action, sensor, records, seed=seed)
         else:
             setup, made = read_set(given)
         result = score(function, made, setup, name=name)

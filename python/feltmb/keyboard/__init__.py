@@ -6,7 +6,7 @@ from feltmb.keyboard.midi import play, read_midi, write_midi
 from feltmb.keyboard.note import action_of_key
 from feltmb.keyboard.scoring import load_algorithm, score
 from feltmb.keyboard.sensor import Sensor, load_sensor
-from feltmb.keyboard.strokes import labelled_strokes, read_set, sensed, write_set
+from feltmb.keyboard.strokes import labeled_strokes, read_set, sensed, write_set
 from feltmb.keyboard.velocity import VelocityCurve
 from feltmb.keyboard.work import list_of_work
 
@@ -17,7 +17,7 @@ __all__ = [
     "VelocityCurve",
     "action_of_key",
     "analyze",
-    "labelled_strokes",
+    "labeled_strokes",
     "list_of_work",
     "load_algorithm",
     "load_sensor",

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from feltmb.keyboard.sensor import Setup
-    from feltmb.keyboard.strokes import Labelled
+    from feltmb.keyboard.strokes import Labeled
 
 __all__ = ["LEVELS", "Score", "level_of", "load_algorithm", "score"]
 
@@ -215,7 +215,7 @@ def _told(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}{where}"
 
 
-def _found(algorithm: Algorithm, record: Labelled, setup: Setup) -> list[tuple[float, float]]:
+def _found(algorithm: Algorithm, record: Labeled, setup: Setup) -> list[tuple[float, float]]:
     """What an algorithm finds in a record, as sorted pairs.
 
     Raises
@@ -247,7 +247,7 @@ def score(algorithm: Algorithm, records: Iterable[Any], setup: Any, *, name: str
     algorithm
         Function of the samples and the setup; it returns times [s] and speeds [m/s].
     records
-        Labelled records.
+        Labeled records.
     setup
         Sensor and action of the records.
     name

@@ -1,4 +1,4 @@
-"""Labelled records of a sensor: simulated strokes, what the sensor reads, and the truth."""
+"""Labeled records of a sensor: simulated strokes, what the sensor reads, and the truth."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
     from feltmb.run.stroke import Stroke
 
-__all__ = ["Labelled", "labelled_strokes", "read_set", "sensed", "write_set"]
+__all__ = ["Labeled", "labeled_strokes", "read_set", "sensed", "write_set"]
 
 #: Records that are made, or are in memory, at a time.
 BLOCK = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Labelled:
+class Labeled:
     """What a sensor read in one gesture, and the truth.
 
     Attributes
@@ -81,14 +81,14 @@ class Labelled:
 
 
 @checked
-def labelled_strokes(
+def labeled_strokes(
     action: Action | str = "grand_action",
     sensor: Sensor | str = "reflective",
     count: int = 1000,
     *,
     seed: int = 0,
     jobs: int | None = None,
-) -> tuple[Setup, Iterator[Labelled]]:
+) -> tuple[Setup, Iterator[Labeled]]:
     """Simulate random gestures from ppp to fff with a sensor; the same ones for the same seed.
 
     Parameters
@@ -108,12 +108,12 @@ def labelled_strokes(
     -------
     Setup
         What an algorithm may know.
-    iterator of Labelled
+    iterator of Labeled
         The records; they are simulated as they are asked for.
     """
     if count < 1 or seed < 0:
         what, got = ("count", count) if count < 1 else ("seed", seed)
-        raise InvalidParameter(f"labelled_strokes: {what} = {got}, must be positive")
+        raise InvalidParameter(f"labeled_strokes: {what} = {got}, must be positive")
     mechanism = load_action(action) if isinstance(action, str) else action
     described = load_sensor(sensor) if isinstance(sensor, str) else sensor
     setup = setup_of(mechanism, described)
@@ -123,7 +123,7 @@ def labelled_strokes(
 @checked
 def sensed(
     action: Action, stroke: Stroke, sensor: Sensor, *, seed: int = 0
-) -> tuple[Setup, Labelled]:
+) -> tuple[Setup, Labeled]:
     """What a sensor reads in one stroke, and the truth.
 
     Parameters
@@ -141,7 +141,7 @@ def sensed(
 
     def take(_: int, run: Run) -> None:
         samples = sensor.sample(run.time, travels(action, run, setup), np.random.default_rng(seed))
-        made.append(Labelled(stroke.name, samples, tuple(truth_of(run))))
+        made.append(Labeled(stroke.name, samples, tuple(truth_of(run))))
 
     run_all(action, [stroke], take)
     return setup, made[0]
@@ -149,18 +149,18 @@ def sensed(
 
 def _records(
     action: Action, setup: Setup, count: int, seed: int, jobs: int | None
-) -> Iterator[Labelled]:
+) -> Iterator[Labeled]:
     inversion = Inversion(action)
     gestures = list(random_gestures(inversion, count, seed))
     units = [np.random.default_rng(s) for s in np.random.SeedSequence([seed, 1]).spawn(count)]
     for first in range(0, count, BLOCK):
         block = gestures[first : first + BLOCK]
-        made: list[Labelled] = []
+        made: list[Labeled] = []
 
-        def take(index: int, run: Run, first: int = first, made: list[Labelled] = made) -> None:
+        def take(index: int, run: Run, first: int = first, made: list[Labeled] = made) -> None:
             at = first + index
             samples = setup.sensor.sample(run.time, travels(action, run, setup), units[at])
-            made.append(Labelled(gestures[at].kind, samples, tuple(truth_of(run))))
+            made.append(Labeled(gestures[at].kind, samples, tuple(truth_of(run))))
 
         run_all(action, (g.stroke for g in block), take, jobs)
         yield from made
@@ -189,7 +189,7 @@ def write_set(
     curve: Any = None,
     force: bool = False,
 ) -> int:
-    """Write labelled records as Parquet, one row a record; return their number.
+    """Write labeled records as Parquet, one row a record; return their number.
 
     Columns: ``kind``, ``start`` [s], ``rate`` [Hz], a list of counts a channel, and the lists
     ``strike_time`` [s], ``strike_speed`` [m/s] and ``velocity`` (MIDI). The setup is in the
@@ -200,7 +200,7 @@ def write_set(
     path
         File to be written.
     setup, records
-        Those of :func:`labelled_strokes`.
+        Those of :func:`labeled_strokes`.
     curve
         Velocity curve; default: the packaged one.
     force
@@ -253,7 +253,7 @@ def write_set(
 
 
 @checked
-def read_set(path: str | Path) -> tuple[Setup, Iterator[Labelled]]:
+def read_set(path: str | Path) -> tuple[Setup, Iterator[Labeled]]:
     """The setup and the records of a file of :func:`write_set`.
 
     Raises
@@ -277,16 +277,16 @@ def read_set(path: str | Path) -> tuple[Setup, Iterator[Labelled]]:
         setup = Setup(sensor, **pairs)
     except (arrow.ArrowException, KeyError, TypeError, ValueError) as fault:
         raise InvalidParameter(
-            f"{path}: is no set of labelled strokes ({type(fault).__name__}); expected a file of "
+            f"{path}: is no set of labeled strokes ({type(fault).__name__}); expected a file of "
             "feltmb keyboard strokes"
         ) from None
 
-    def records() -> Iterator[Labelled]:
+    def records() -> Iterator[Labeled]:
         for batch in file.iter_batches(BLOCK):
             for row in batch.to_pylist():
                 counts = {c: np.array(row[c], dtype=np.int32) for c in sensor.channels}
                 ticks = row["start"] + np.arange(len(counts[sensor.channels[0]])) / row["rate"]
-                yield Labelled(
+                yield Labeled(
                     row["kind"],
                     pd.DataFrame(counts, index=pd.Index(ticks, name="time")),
                     tuple(zip(row["strike_time"], row["strike_speed"], strict=True)),

@@ -1,4 +1,4 @@
-"""Tables of many runs as labelled arrays."""
+"""Tables of many runs as labeled arrays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors of keyboards: samples, truth, score of algorithms, labelled sets, MIDI."""
+"""Sensors of keyboards: samples, truth, score of algorithms, labeled sets, MIDI."""
 
 import itertools
 import math
@@ -13,7 +13,7 @@ import feltmb
 from feltmb.keyboard import (
     Sensor,
     VelocityCurve,
-    labelled_strokes,
+    labeled_strokes,
     load_algorithm,
     load_sensor,
     play,
@@ -28,7 +28,7 @@ from feltmb.keyboard.algorithms import largest_derivative, model_based
 from feltmb.keyboard.gestures import Inversion, Press, gesture, random_gestures, run_all, truth_of
 from feltmb.keyboard.midi import MidiNote
 from feltmb.keyboard.scoring import LEVELS, level_of
-from feltmb.keyboard.strokes import Labelled
+from feltmb.keyboard.strokes import Labeled
 from unmodeled.errors import Error
 
 
@@ -39,8 +39,8 @@ def grand():
 
 @pytest.fixture(scope="module")
 def few():
-    """A setup and 24 labelled records of the default sensor."""
-    setup, records = labelled_strokes(count=24, seed=3)
+    """A setup and 24 labeled records of the default sensor."""
+    setup, records = labeled_strokes(count=24, seed=3)
     return setup, list(records)
 
 
@@ -152,11 +152,11 @@ def test_aimed_speeds_are_struck(grand):
 
 def test_sets_are_the_same_for_the_same_seed_and_any_number_of_threads(few, tmp_path):
     setup, records = few
-    _, again = labelled_strokes(count=6, seed=3, jobs=1)
+    _, again = labeled_strokes(count=6, seed=3, jobs=1)
     for one, two in zip(records[:6], again, strict=True):
         assert one.truth == two.truth
         pd.testing.assert_frame_equal(one.samples, two.samples)
-    _, other = labelled_strokes(count=1, seed=4)
+    _, other = labeled_strokes(count=1, seed=4)
     assert next(other).truth != records[0].truth
     path = tmp_path / "set.parquet"
     assert write_set(path, setup, records) == 24
@@ -187,11 +187,11 @@ def test_kinds_and_levels_are_all_there(grand):
 
 
 def test_bad_calls_and_files_are_refused(tmp_path):
-    refused(lambda: labelled_strokes(count=0), "count = 0")
-    refused(lambda: labelled_strokes(sensor="ear"), "ear")
+    refused(lambda: labeled_strokes(count=0), "count = 0")
+    refused(lambda: labeled_strokes(sensor="ear"), "ear")
     path = tmp_path / "x.parquet"
     path.write_text("x")
-    refused(lambda: read_set(path), "is no set of labelled strokes")
+    refused(lambda: read_set(path), "is no set of labeled strokes")
     refused(lambda: read_set(tmp_path / "none.parquet"), "there is no such file")
 
 
@@ -200,7 +200,7 @@ def test_bad_calls_and_files_are_refused(tmp_path):
 
 def fake(*truth, kind="struck"):
     samples = pd.DataFrame({"hammer": [0, 0]}, index=pd.Index([0.0, 1.0], name="time"))
-    return Labelled(kind, samples, truth)
+    return Labeled(kind, samples, truth)
 
 
 def test_the_score_counts():
@@ -298,7 +298,7 @@ def test_the_model_based_algorithm_has_half_the_error(few):
 
 @pytest.mark.slow
 def test_the_model_based_algorithm_has_half_the_error_at_every_level():
-    setup, made = labelled_strokes(count=1000, seed=1)
+    setup, made = labeled_strokes(count=1000, seed=1)
     records = list(made)
     simple, better = (score(f, records, setup) for f in (largest_derivative, model_based))
     assert (better.table["speed_rms"] < 0.5 * simple.table["speed_rms"]).all()

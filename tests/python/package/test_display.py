@@ -1,4 +1,4 @@
-"""What objects show of themselves: a short repr, a table in HTML, a picture, labelled arrays."""
+"""What objects show of themselves: a short repr, a table in HTML, a picture, labeled arrays."""
 
 import math
 import re
