@@ -19,6 +19,7 @@ from feltmb.mechanism import Action, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.files import is_folder, read_input, read_json, write_file, write_text
+from unmodeled.report.words import turns_of_a_screw
 from unmodeled.units import readable_unit
 
 if TYPE_CHECKING:
@@ -189,6 +190,7 @@ class CustomerPage:
             photo = f"data:image/{kind};base64,{data}"
         return render_page(
             "customer.html",
+            package="feltmb.action",
             page=self,
             drawing=pictures[0],
             curve=pictures[1],
@@ -250,8 +252,8 @@ class _Cause:
     remedy: str
     unit: str
     size_si: float
-    turns: tuple[float, str, str] | None
-    """Turns of a screw, their direction, and the way back."""
+    turns: tuple[str, str, str] | None
+    """Turns of a screw as words, their direction, and the way back."""
     shape: float | None
     parameter: bool
 
@@ -269,7 +271,7 @@ class _Cause:
     def work(self) -> str:
         """What to do about it."""
         if self.turns is not None:
-            return f"Turn the {self.component} by {self.turns[0]:.2g} turns {self.turns[2]}."
+            return f"Turn the {self.component} by {self.turns[0]} {self.turns[2]}."
         return self.remedy or f"Check the {self.component}."
 
     @cached_property
@@ -282,7 +284,7 @@ class _Cause:
             factor, unit = 1e3, "mm"
         text = f"{factor * self.size_si:.3g} {unit}"
         if self.turns is not None:
-            text += f", {self.turns[0]:.2g} turns {self.turns[1]}"
+            text += f", {self.turns[0]} {self.turns[1]}"
         return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
@@ -298,9 +300,9 @@ def _cause(row: Mapping[str, Any], library: Mapping[str, Entry]) -> _Cause:
     entry, turns, shape = library.get(row["name"]), None, row.get("shape")
     off = f"{row['title']} is off" if row["tier"] == "fitted" else ""
     if (unit := row.get("user_unit")) is not None and unit["unit"] == "turn":
-        turned = unit["per_unit"] * row["size"]
-        down = turned < 0.0
-        turns = abs(turned), unit["words"][down], unit["words"][not down]
+        ends = (unit["per_unit"] * row.get(end, row["size"]) for end in ("size", "low", "high"))
+        down = unit["per_unit"] * row["size"] < 0.0
+        turns = turns_of_a_screw(*ends), unit["words"][down], unit["words"][not down]
     return _Cause(
         entry,
         str(row["component"] or (entry.component if entry else row["name"])),
@@ -337,7 +339,7 @@ def _guilty(action: Action, causes: Sequence[_Cause]) -> tuple[tuple[str, ...], 
     for cause in causes:
         paths = [x.path for x in cause.entry.changes] if cause.entry else []
         bodies |= dict.fromkeys(bodies_at(action.config, cause.component, paths))
-        points |= dict.fromkeys(points_at(action, cause.component))
+        points |= dict.fromkeys(points_at(action, cause.component, paths))
     return tuple(bodies), tuple(points)
 
 

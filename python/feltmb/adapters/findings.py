@@ -266,13 +266,30 @@ def _of_paths(config: MechanismFile, paths: Iterable[str]) -> Iterator[str]:
             yield from (config.straps[name].body_a, config.straps[name].body_b)
 
 
-def points_at(action: Action, component: str) -> list[tuple[float, float]]:
-    """Point where the surfaces of a contact meet at rest [m]; none for other components."""
+def points_at(
+    action: Action, component: str, paths: Iterable[str] = ()
+) -> list[tuple[float, float]]:
+    """Points at rest [m] of the contact of a component, or of the changed surfaces of the frame.
+
+    Parameters
+    ----------
+    component
+        Text of an effect, such as ``contact 03, key capstan - whippen``.
+    paths
+        Dotted paths of the entries that the effect changes. A screw of the frame changes a
+        surface that belongs to no moving body.
+    """
     from feltmb.run.simulate import evaluate
 
-    number = _contact(action.config, component)
-    if number is None:
+    config = action.config
+    number = _contact(config, component)
+    screws = {p.split(".")[1] for p in paths if p.startswith("surfaces.")}
+    screws = {name for name in screws if config.surfaces[name].body not in config.bodies}
+    numbers = [number] if number is not None else [
+        n for n, c in config.contacts.items() if screws.intersection(c.surfaces)
+    ]  # fmt: skip
+    if not numbers:
         return []
     pose = action.rest_pose
-    row = evaluate(action, pose, 0.0 * pose).contacts.loc[int(number)]
-    return [(float(row["x"]), float(row["y"]))]
+    contacts = evaluate(action, pose, 0.0 * pose).contacts
+    return [(float(contacts.loc[int(n)]["x"]), float(contacts.loc[int(n)]["y"])) for n in numbers]

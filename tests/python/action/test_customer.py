@@ -58,13 +58,13 @@ def test_a_parameter_that_changed_is_the_answer(tmp_path):
     ]
     turn = {"unit": "turn", "per_unit": 1.0 / 0.7e-3, "words": ["up", "down"]}
     capstan = change("capstan_height", "", -6.6e-4, "m", title="The capstan", tier="fitted",
-                     user_unit=turn)  # fmt: skip
+                     low=-6.9e-4, high=-6.3e-4, user_unit=turn)  # fmt: skip
     folder = result(tmp_path, capstan, verdict="CALIBRATED", parameters=rows)
     page = customer_page(folder, "steinway45")
     assert page.bodies == ("key",)
     plain = page.found.replace("\N{NO-BREAK SPACE}", " ")
-    assert plain == "The capstan is off (-0.66 mm, 0.94 turns down)."
-    assert page.work == ("Turn the capstan by 0.94 turns up.",)
+    assert plain == "The capstan is off (-0.66 mm, 0.943 turns down)."
+    assert page.work == ("Turn the capstan by 0.943 turns up.",)
     path = "surfaces.Kp2.point.y"
     height = [a.value(path).value for a in (page.after, page.before)]
     assert height[1] - height[0] == pytest.approx(-6.6e-4)
@@ -121,9 +121,20 @@ def test_page_of_a_key_with_twice_the_friction(tmp_path):
     assert feltmb.load_action("steinway45").hash == page.after.hash
 
 
+def test_a_screw_of_the_frame_has_a_ring(tmp_path):
+    turn = {"unit": "turn", "per_unit": 1.0 / 0.7e-3, "words": ["up", "down"]}
+    button = change("let_off_button", "", -3.5e-4, "m", title="The let-off button", tier="fitted",
+                    low=-3.52e-4, high=-3.48e-4, user_unit=turn)  # fmt: skip
+    page = customer_page(result(tmp_path, button, verdict="CALIBRATED"), "steinway45")
+    assert page.bodies == ("ground",)
+    assert len(page.points) == 1  # contact of the jack with the button
+    assert page.work == ("Turn the let-off button by half a turn up.",)
+
+
 def test_dollar_signs_are_no_mathematics(tmp_path):
     page = customer_page(
         result(tmp_path, KEY), "steinway45", title="From $x_{ to $y", workshop="A$$ & B$",
         done=["Paid $5_ and $6^."],
     )  # fmt: skip
     assert page.write(tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+    assert page.html().count("<svg") == 2

@@ -401,11 +401,11 @@ def _details(result: Result) -> Iterator[_Section]:
 # ---------------------------------------------------------------- the report
 
 
-def render_page(template: str, **values: object) -> str:
-    """A page from a template of this folder; all texts are escaped, but not ``Markup``."""
+def render_page(template: str, *, package: str = "unmodeled.report", **values: object) -> str:
+    """A page from a template of a package; all texts are escaped, but not ``Markup``."""
     import jinja2
 
-    text = (resources.files("unmodeled.report") / template).read_text(encoding="utf-8")
+    text = (resources.files(package) / template).read_text(encoding="utf-8")
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )

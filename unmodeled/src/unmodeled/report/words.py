@@ -19,6 +19,7 @@ __all__ = [
     "size_in",
     "tabulated",
     "times_noise",
+    "turns_of_a_screw",
 ]
 
 #: Shares of a turn as words.
@@ -143,11 +144,17 @@ def _turns(c: Change) -> str:
     """Turns of a screw, with the direction: ``by half a turn down``."""
     assert c.user_unit is not None
     per = c.user_unit.per_unit
-    turns, spread = abs(per * c.size), 0.5 * abs(per) * (c.high - c.low)
-    near = min(TURNS, key=lambda t: abs(t - turns))
-    words = abs(near - turns) <= spread < SURE
-    amount = TURNS[near] if words else f"{number(turns, spread)} turns"
+    amount = turns_of_a_screw(per * c.size, per * c.low, per * c.high)
     return f"by {amount} {c.user_unit.words[per * c.size < 0.0]}".rstrip()
+
+
+def turns_of_a_screw(turns: float, low: float, high: float) -> str:
+    """Turns without their sign, as a word where the interval leaves only one: ``half a turn``."""
+    turns, spread = abs(turns), 0.5 * abs(high - low)
+    near = min(TURNS, key=lambda t: abs(t - turns))
+    if abs(near - turns) <= spread < SURE:
+        return TURNS[near]
+    return f"{number(turns, spread)} turns"
 
 
 def _also(c: Change) -> str:
