@@ -5,11 +5,12 @@
 #   FELTMB_VENV                 where the virtual environment is (default: .venv of this clone)
 #   FELTMB_PYTHON               the Python to use first (3.11 or newer, with its headers)
 #   CXX, CMAKE_PREFIX_PATH      compiler and extra places of SUNDIALS and Eigen, as CMake reads them
+#   FELTMB_LOG                  file of the output (default: build/install.log)
 #   CMAKE_BUILD_PARALLEL_LEVEL  compilers at a time (default: cores, but 1.5 GB of memory for each)
 
 start_dir=$PWD
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-log=$root/build/install.log
+log=${FELTMB_LOG:-$root/build/install.log}
 venv=${FELTMB_VENV:-$root/.venv}
 case $venv in /*) ;; *) venv=$start_dir/$venv ;; esac
 vpy=$venv/bin/python

@@ -54,14 +54,20 @@ check_cpp_format() {
   clang-format --dry-run --Werror "${files[@]}" && say "${#files[@]} files already formatted"
 }
 
-if install_linters; then
-  part 'ruff check' ruff check . || true
-  part 'ruff format' ruff format --check . || true
-  part 'mypy' mypy || true
-  part 'clang-format' check_cpp_format || true
-else
-  result 'linters' 'not run: they could not be installed'
-fi
+linters=no
+if install_linters; then linters=yes; fi
+
+check_text() {
+  if [ $linters = yes ]; then
+    part 'ruff check' ruff check . || true
+    part 'ruff format' ruff format --check . || true
+    part 'mypy' mypy || true
+    part 'clang-format' check_cpp_format || true
+  else
+    result 'linters' 'not run: they could not be installed'
+  fi
+  part 'site' env FELTMB_LOG="$root/build/site.log" bash tools/docs.sh "${site_options[@]}" || true
+}
 
 # ---------------------------------------------------------------- C++
 
@@ -85,15 +91,27 @@ run_cpp_tests() {
     sed -n 's/^\[doctest\] \(test cases\|assertions\)/\1/p' build/wheel/Testing/Temporary/LastTest.log
 }
 
-if part 'C++ build' build_cpp_tests; then
-  part 'C++ tests' run_cpp_tests || true
-else
-  result 'C++ tests' 'not run: they were not built'
-fi
+check_core() {
+  if part 'C++ build' build_cpp_tests; then
+    part 'C++ tests' run_cpp_tests || true
+  else
+    result 'C++ tests' 'not run: they were not built'
+  fi
+}
 
-# ---------------------------------------------------------------- site: pages, links, notebooks
+# ---------------------------------------------------------------- text and site beside the core
 
-part 'site' bash tools/docs.sh "${site_options[@]}" || true
+# Both have long steps of one process. The output of the first is shown when the second has ended.
+outcome() { printf '%s\n' "${summary[@]}" >"$1" && return "$failures"; }
+{ check_text && outcome build/text.summary; } >build/text.log 2>&1 &
+text=$!
+check_core
+code=0
+wait $text || code=$?
+cat build/text.log
+mapfile -t lines <build/text.summary
+summary=("${lines[@]}" "${summary[@]}")
+failures=$((failures + code))
 
 # ---------------------------------------------------------------- summary, then Python
 
