@@ -17,8 +17,7 @@ import warnings
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -358,13 +357,17 @@ class Runner:
                     "at the top level of a module to use parallel processes"
                 )
                 return
-        pool = ProcessPoolExecutor(count, context, _begin, (given,))
+        pool = None
         try:
+            from concurrent.futures import ProcessPoolExecutor  # not in a browser
+
+            pool = ProcessPoolExecutor(count, context, _begin, (given,))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # of a fork
                 pool.submit(os.getpid).result()
-        except (BrokenProcessPool, OSError) as error:
-            pool.shutdown(wait=False)
+        except (ImportError, OSError, RuntimeError) as error:
+            if pool is not None:
+                pool.shutdown(wait=False)
             self.notices.append(f"no process could be started ({error}): runs are made in this one")
             return
         weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
@@ -504,7 +507,7 @@ class Runner:
 
     def _lost(self, run: Run, error: Exception) -> str:
         """Message about a run that ended outside of the function."""
-        if isinstance(error, BrokenProcessPool):
+        if isinstance(error, BrokenExecutor):
             return (
                 f"model {self._name}: a process of its function ended without an answer, as after "
                 f"a fault of memory, with this or another run of the batch ({run}); workers=1 runs "
