@@ -6,6 +6,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 from unmodeled.arguments import checked
 from unmodeled.blas import one_thread
@@ -40,6 +42,8 @@ def diagnose(
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
     progress: Callable[[Progress], None] | None = None,
+    executor: Any = None,
+    cache: str | Path | None = None,
 ) -> Report:
     """Find the effects that a model lacks.
 
@@ -65,6 +69,9 @@ def diagnose(
         Is called with the stage, the share of the work that is done, and the time that is left;
         default: nothing is called. If it raises :class:`Stop`, the search ends as at its limit of
         time.
+    executor, cache
+        Executor of the runs, and folder of finished runs, from which an interrupted diagnosis
+        continues: see :meth:`Model.running`.
 
     Returns
     -------
@@ -79,6 +86,8 @@ def diagnose(
         ``progress`` raised it, or Ctrl-C came, before there was a fit of the model.
     """
     options = options or Options()
+    if executor is not None or cache is not None:
+        model = model.running(executor=executor, cache=cache)
     began = time.monotonic()
     end = began + FITS * options.seconds
     given = (records,) if isinstance(records, Record) else tuple(records)
@@ -115,6 +124,7 @@ def diagnose(
             result = replace(result, needed=max(needed, time.monotonic() - began))
         meter.stage("done")
     report = Report.of(result)
+    report.cached = ready.model.cached
     report.model = explained_model(ready.model, tested, result)
     report.case = Given(model, ready, tested, given, hold_out, options)
     return report
@@ -161,6 +171,8 @@ def fit_model(
     *,
     options: Options | None = None,
     progress: Callable[[Progress], None] | None = None,
+    executor: Any = None,
+    cache: str | Path | None = None,
 ) -> Report:
     """Fit the parameters of a model to all records: a diagnosis without effects.
 
@@ -174,7 +186,7 @@ def fit_model(
         Model of the machine.
     records
         Measured runs; at least one.
-    options, progress
+    options, progress, executor, cache
         As for :func:`diagnose`.
 
     Raises
@@ -182,4 +194,5 @@ def fit_model(
     InvalidParameter, DataError
         Model and records do not fit together.
     """
-    return diagnose(model, (), records, hold_out=(), options=options, progress=progress)
+    own = {"options": options, "progress": progress, "executor": executor, "cache": cache}
+    return diagnose(model, (), records, hold_out=(), **own)

@@ -16,6 +16,7 @@ from unmodeled.cli.models import (
     MEASURED,
     MODEL,
     READING,
+    RUNNING,
     STATED,
     config_option,
     effects,
@@ -51,7 +52,7 @@ from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from unmodeled import Explained, Options, Report
-    from unmodeled.cli.models import Stated
+    from unmodeled.cli.models import Running, Stated
     from unmodeled.data import ReadOptions
     from unmodeled.loading import LoadedModel
     from unmodeled.search.result import Case
@@ -102,6 +103,7 @@ def run(
     reading: ReadOptions = READING,
     measured: Path | None = MEASURED,
     settings: tuple[str, ...] = MODEL_SET,
+    running: Running = RUNNING,
     force: bool = FORCE,
     *,
     as_json: bool,
@@ -115,7 +117,7 @@ def run(
     """
     from unmodeled import diagnose
 
-    loaded = load_named(model, settings, stated=stated)
+    loaded = running.of(load_named(model, settings, stated=stated))
     folder, remedy = _places(out, loaded, force=force)
     groups = loaded.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
@@ -133,6 +135,7 @@ def run(
     )
     line.close()
     if as_json:
+        _tell_cached(report)
         print_json(report.as_dict())
     else:
         say(report.text(console().width))
@@ -140,6 +143,12 @@ def run(
         title = f"{loaded.model.name}: diagnosis"
         say_written(report.write(folder, title=title, force=force))
     _remedy(report, remedy, alone=folder is None, force=force)
+
+
+def _tell_cached(report: Report) -> None:
+    """Say beside the answer how many runs were not made."""
+    if report.cached:
+        say(report.cached, err=True)
 
 
 def _places(
@@ -233,6 +242,7 @@ def fit(
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,
     stated: Stated = STATED,
+    running: Running = RUNNING,
     force: bool = FORCE,
     *,
     as_json: bool,
@@ -248,10 +258,11 @@ def fit(
 
     file = None if out is None else make_folder(out) / "fit.json"
     check_targets(file, force=force)
-    loaded = load_named(model, settings, stated=stated)
+    loaded = running.of(load_named(model, settings, stated=stated))
     line = ProgressLine()
     report = fit_model(loaded.model, loaded.read(data, reading), options=options, progress=line)
     line.close()
+    _tell_cached(report)
     save_text(file, report.to_json, force=force)
     if as_json:
         print_json(report.as_dict())

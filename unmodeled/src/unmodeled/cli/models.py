@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ from unmodeled.cli import completing
 from unmodeled.cli.options import (
     Number,
     argument,
+    count,
     fields_of,
     option,
     pairs,
@@ -35,7 +36,9 @@ __all__ = [
     "MEASURED",
     "MODEL",
     "READING",
+    "RUNNING",
     "STATED",
+    "Running",
     "Stated",
     "config_option",
     "effects",
@@ -162,6 +165,34 @@ class Stated:
 
 
 STATED = fields_of("unmodeled.cli.models:Stated")
+
+
+@dataclass(frozen=True)
+class Running:
+    """Where runs of a function, an FMU or a MuJoCo model are computed and kept."""
+
+    workers: int | None = option(
+        "Number of processes for the runs of a function or an FMU, for MuJoCo of threads. Default: "
+        "one for each core, if a run takes more than 5 ms.",
+        count(),
+        metavar="N",
+    )
+    cache: Path | None = option(
+        "Folder of finished runs of a function, an FMU or a MuJoCo model: an interrupted command "
+        "continues from it. Runs belong to the file that defines the model; delete the folder if "
+        "anything else has changed, such as a module that it imports.",
+        metavar="FOLDER",
+    )
+
+    def of(self, loaded: LoadedModel) -> LoadedModel:
+        """The model with these runs."""
+        if self.workers is None and self.cache is None:
+            return loaded
+        model = loaded.model.running(workers=self.workers, cache=self.cache)
+        return replace(loaded, model=model)
+
+
+RUNNING = fields_of("unmodeled.cli.models:Running")
 
 
 def _prior(name: str, text: str) -> tuple[float | None, float, str]:

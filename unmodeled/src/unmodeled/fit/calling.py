@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import multiprocessing
 import os
 import pickle
@@ -16,10 +17,10 @@ import warnings
 import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -28,9 +29,11 @@ import numpy as np
 
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
+from unmodeled.fit.runs import StoredRuns
 
 __all__ = [
     "Latest",
+    "Means",
     "Run",
     "Runner",
     "calling",
@@ -173,6 +176,8 @@ class Run:
     time: Array
     inputs: dict[str, Array]
     parameters: dict[str, float]
+    repeated: bool = False
+    """Whether it repeats a run, to see whether the function returns the same again."""
 
     @classmethod
     def of(cls, record: Record, inputs: Sequence[str], parameters: dict[str, float]) -> Run:
@@ -186,6 +191,7 @@ class Run:
         for array in (self.time, *self.inputs.values()):
             digest.update(np.ascontiguousarray(array).tobytes())
         digest.update(np.array(list(self.parameters.values())).tobytes())
+        digest.update(b"again" * self.repeated)
         return digest.digest()
 
     def __str__(self) -> str:
@@ -210,6 +216,17 @@ def _begin(function: Function | bytes) -> None:
 def _work(run: Run, outputs: tuple[str, ...]) -> Array | str:
     assert _function is not None
     return call(_function, run, outputs)
+
+
+@lru_cache(maxsize=4)
+def _unpickled(function: bytes) -> Function:
+    """The function in a process of an executor, which keeps what it has read or compiled."""
+    made: Function = pickle.loads(function)
+    return made
+
+
+def _sent(function: bytes, run: Run, outputs: tuple[str, ...]) -> Array | str:
+    return call(_unpickled(function), run, outputs)
 
 
 class Unusable(InvalidParameter):
@@ -262,24 +279,60 @@ def cores() -> int:
     return there or 1
 
 
+@dataclass(frozen=True)
+class Means:
+    """Where runs are computed and kept; see :meth:`unmodeled.Model.running`."""
+
+    workers: int | None = None
+    executor: Any = None
+    cache: Path | None = None
+
+
 class Runner:
     """Computes runs and caches the results.
 
-    A function with a method ``run_all(runs)`` computes several runs at once.
+    A function with a method ``run_all(runs)`` computes several runs at once, unless there is an
+    executor.
     """
 
-    def __init__(self, function: Function, outputs: tuple[str, ...], name: str):
+    def __init__(
+        self, function: Function, outputs: tuple[str, ...], name: str, means: Means, words: object
+    ):
         self._function = function
         self._outputs = outputs
         self._name = name
         self._kept: Latest[bytes, Array] = Latest(KEPT, lambda values: values.size)
-        self._pool: ProcessPoolExecutor | None = None
+        self._pool: Any = means.executor
+        self._task: Callable[..., Array | str] = _work
+        if self._pool is not None:
+            self._task = self._portable()
+        self._stored = None
+        if means.cache is not None:
+            self._stored = StoredRuns(means.cache, function, words, name)
         self._failed = False
-        self.processes = 1
         self.made = 0
         """Number of runs so far."""
+        self.found = 0
+        """Number of runs that were taken from the folder so far."""
         self.notices: list[str] = list(getattr(function, "notices", ()))
         """Notes for the user about processes, and those of the function."""
+
+    def _portable(self) -> Callable[..., Array | str]:
+        """What an executor is given: threads get the function itself, others get it pickled."""
+        if isinstance(self._pool, ThreadPoolExecutor):
+            return partial(call, self._function)
+        try:  # Dask has it; it also pickles closures, and functions of scripts and notebooks
+            import cloudpickle as pickler
+        except ImportError:
+            pickler = pickle
+        try:
+            return partial(_sent, pickler.dumps(self._function))
+        except Exception as error:
+            raise InvalidParameter(
+                f"model {self._name}: its function cannot be sent to the executor: "
+                f"{type(error).__name__}: {error}; expected a function at the top level of a "
+                "module that uses nothing open (file, lock, connection): let it open that itself"
+            ) from None
 
     def start(self, workers: int | None) -> None:
         """Start processes, before there are threads."""
@@ -304,17 +357,21 @@ class Runner:
                     "at the top level of a module to use parallel processes"
                 )
                 return
-        pool = ProcessPoolExecutor(count, context, _begin, (given,))
+        pool = None
         try:
+            from concurrent.futures import ProcessPoolExecutor  # not in a browser
+
+            pool = ProcessPoolExecutor(count, context, _begin, (given,))
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", DeprecationWarning)  # of a fork
                 pool.submit(os.getpid).result()
-        except (BrokenProcessPool, OSError) as error:
-            pool.shutdown(wait=False)
+        except (ImportError, OSError, RuntimeError) as error:
+            if pool is not None:
+                pool.shutdown(wait=False)
             self.notices.append(f"no process could be started ({error}): runs are made in this one")
             return
         weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
-        self._pool, self.processes = pool, count
+        self._pool = pool
 
     def first(self, run: Run) -> tuple[float, Array]:
         """Duration of a second run [s], and its values, which should equal those of the first.
@@ -325,8 +382,12 @@ class Runner:
             The function fails.
         """
         self.checked([run])  # the first call includes imports and tables of the function
+        repeated = replace(run, repeated=True)
+        known = self._recalled([repeated])
+        if known[0] is not None:  # whoever keeps runs has long ones
+            return math.inf, known[0]
         tick = clock.perf_counter()
-        again = self._one(run)
+        again = self._one(repeated)
         if isinstance(again, str):
             raise InvalidParameter(f"model {self._name}: its function raises {again} ({run})")
         return clock.perf_counter() - tick, again
@@ -339,6 +400,7 @@ class Runner:
         InvalidParameter
             A run failed; the message names the first such run and its fault.
         """
+        runs = [run for run in runs if self._kept.find(run.key) is None]
         for run, found in zip(runs, self._make(runs), strict=True):
             if isinstance(found, str):
                 raise InvalidParameter(f"model {self._name}: its function raises {found} ({run})")
@@ -388,37 +450,70 @@ class Runner:
     def _one(self, run: Run, function: Function | None = None) -> Array | str:
         self.made += 1
         try:
-            return call(function or self._function, run, self._outputs)
+            found = call(function or self._function, run, self._outputs)
         except Unusable as error:
             raise self._invalid(run, error) from None
+        return self._keeping(run, found)
+
+    def _keeping(self, run: Run, found: Array | str) -> Array | str:
+        """Store what a run returned; what it raised may have another cause than its arguments."""
+        if self._stored is not None and not isinstance(found, str):
+            self._stored.put(run.key, found)
+        return found
+
+    def _recalled(self, runs: Sequence[Run]) -> list[Array | None]:
+        """Stored outputs of runs; None: there are none."""
+        if self._stored is None:
+            return [None] * len(runs)
+        shapes = [(len(run.time), len(self._outputs)) for run in runs]
+        got = [self._stored.get(r.key, s) for r, s in zip(runs, shapes, strict=True)]
+        self.found += sum(values is not None for values in got)
+        return got
 
     def _invalid(self, run: Run, error: Unusable) -> InvalidParameter:
         return InvalidParameter(f"model {self._name}: its function {error} ({run})")
 
     def _make(self, runs: Sequence[Run]) -> list[Array | str]:
-        if hasattr(self._function, "run_all"):  # it has threads of its own
+        known = self._recalled(runs)
+        new = iter(self._computed([r for r, y in zip(runs, known, strict=True) if y is None]))
+        return [next(new) if values is None else values for values in known]
+
+    def _computed(self, runs: Sequence[Run]) -> list[Array | str]:
+        alone = self._pool is None or len(runs) < 2
+        if alone and hasattr(self._function, "run_all"):  # it has threads of its own
             return [
                 self._one(run, lambda *_, y=y: y)
                 for run, y in zip(runs, self._function.run_all(runs), strict=True)
             ]
-        if self._pool is None or len(runs) < 2:
+        if alone:
             return [self._one(run) for run in runs]
-        futures = [self._pool.submit(_work, run, self._outputs) for run in runs]
         out: list[Array | str] = []
-        for run, future in zip(runs, futures, strict=True):
-            try:
-                out.append(future.result())
+        futures: list[Any] = []
+        try:
+            futures += (self._pool.submit(self._task, run, self._outputs) for run in runs)
+            for run, future in zip(runs, futures, strict=True):
+                out.append(self._keeping(run, future.result()))
                 self.made += 1
-            except KeyboardInterrupt:
-                for waiting in futures:
-                    waiting.cancel()
-                raise
-            except Unusable as error:
-                raise self._invalid(run, error) from None
-            except BrokenProcessPool:
-                raise InvalidParameter(
-                    f"model {self._name}: a process of its function ended without an answer, as "
-                    f"after a fault of memory, with this or another run of the batch ({run}); "
-                    "workers=1 runs it in this process"
-                ) from None
+        except Unusable as error:
+            raise self._invalid(runs[len(out)], error) from None
+        except Error:
+            raise
+        except Exception as error:
+            raise InvalidParameter(self._lost(runs[len(out)], error)) from error
+        finally:
+            for future in futures[len(out) :]:
+                future.cancel()
         return out
+
+    def _lost(self, run: Run, error: Exception) -> str:
+        """Message about a run that ended outside of the function."""
+        if isinstance(error, BrokenExecutor):
+            return (
+                f"model {self._name}: a process of its function ended without an answer, as after "
+                f"a fault of memory, with this or another run of the batch ({run}); workers=1 runs "
+                "it in this process"
+            )
+        return (
+            f"model {self._name}: the executor raises {type(error).__name__}: {error} ({run}); its "
+            "workers need unmodeled, and the modules and files of the function"
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import shutil
 import tempfile
 import weakref
@@ -65,6 +66,13 @@ class _Fmu:
         self._folder = ""
         self._description: Any = None
         self._loaded: Any = None
+
+    @property
+    def version(self) -> str:
+        """What identifies its results: the file, the way it is run, and FMPy."""
+        sha256 = hashlib.sha256(self.path.read_bytes()).hexdigest()
+        own = self.kind, self.hold, sorted(self.at_end), _fmpy().__version__
+        return f"{self.path.name} sha256 {sha256} {own}"
 
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "_folder": "", "_description": None, "_loaded": None}

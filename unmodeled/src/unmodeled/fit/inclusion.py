@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -161,6 +162,23 @@ class Including(Model):
         """The prepared model with the same effects."""
         base = self._base.ready(records)
         return replace(base, model=self._with(base.model))
+
+    def running(
+        self,
+        *,
+        executor: Any = None,
+        cache: str | Path | None = None,
+        workers: int | None = None,
+    ) -> Including:
+        """See :meth:`~unmodeled.Model.running`."""
+        out = self._with(self._base.running(executor=executor, cache=cache, workers=workers))
+        out.parameters = self.parameters
+        return out
+
+    @property
+    def cached(self) -> str:
+        """See :attr:`~unmodeled.Model.cached`."""
+        return self._base.cached
 
     def accepts(self, effect: Effect) -> bool:
         """Whether the original model accepts an effect that is not yet included."""

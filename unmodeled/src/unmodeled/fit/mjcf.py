@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -57,6 +57,22 @@ class MujocoModel(Simulator):
                     "it is; inputs= of the model chooses)"
                 )
         return super().matched(records)
+
+    def running(
+        self,
+        *,
+        executor: Any = None,
+        cache: str | Path | None = None,
+        workers: int | None = None,
+    ) -> MujocoModel:
+        """See :meth:`~unmodeled.Model.running`."""
+        out = super().running(executor=executor, cache=cache, workers=workers)
+        assert isinstance(out, MujocoModel)
+        if workers is not None:
+            out.mjcf = out._function = copy.copy(self.mjcf)
+            out.mjcf.workers = workers
+            out._runner = out._new_runner()
+        return out
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """See :class:`~unmodeled.fit.Model`: the error of the time step is a note."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import hashlib
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -167,6 +168,15 @@ class Mjcf:
                 f"{self.path}: has no keyframe {self.key}{near_names(self.key, keys)}; there are "
                 f"{', '.join(keys) or 'none'}"
             )
+
+    @property
+    def version(self) -> str:
+        """What identifies its results: the compiled model with its meshes, and MuJoCo."""
+        mj = import_mujoco()
+        whole = np.empty(mj.mj_sizeModel(self.model), np.uint8)
+        mj.mj_saveModel(self.model, None, whole)
+        own = self.key, self.settle, self.hold, self.parts, mj.__version__
+        return f"{self.path.name} sha256 {hashlib.sha256(whole.tobytes()).hexdigest()} {own}"
 
     def __getstate__(self) -> dict[str, Any]:
         left = ("spec", "model", "properties", "_structures")

@@ -589,6 +589,8 @@ class Model(ABC):
         hold_out: Sequence[str] | str | None = None,
         options: Any = None,
         progress: Callable[..., None] | None = None,
+        executor: Any = None,
+        cache: str | Path | None = None,
     ) -> Any:
         """Find the effects that the model lacks: :func:`unmodeled.diagnose`.
 
@@ -601,7 +603,7 @@ class Model(ABC):
             :func:`unmodeled.candidates`.
         exclude
             Names, patterns, or components of effects that are not tested.
-        hold_out, options, progress
+        hold_out, options, progress, executor, cache
             As for :func:`unmodeled.diagnose`.
 
         Returns
@@ -609,6 +611,7 @@ class Model(ABC):
         unmodeled.Report
         """
         own = {"exclude": exclude, "hold_out": hold_out, "options": options, "progress": progress}
+        own |= {"executor": executor, "cache": cache}
         return lazy_import("unmodeled.diagnosis:diagnose")(self, effects, records, **own)
 
     def fit(
@@ -617,6 +620,8 @@ class Model(ABC):
         *,
         options: Any = None,
         progress: Callable[..., None] | None = None,
+        executor: Any = None,
+        cache: str | Path | None = None,
     ) -> Any:
         """Fit the parameters to all records: :func:`unmodeled.fit_model`.
 
@@ -624,16 +629,15 @@ class Model(ABC):
         ----------
         records
             Measured runs.
-        options, progress
+        options, progress, executor, cache
             As for :func:`unmodeled.fit_model`.
 
         Returns
         -------
         unmodeled.Report
         """
-        return lazy_import("unmodeled.diagnosis:fit_model")(
-            self, records, options=options, progress=progress
-        )
+        own = {"options": options, "progress": progress, "executor": executor, "cache": cache}
+        return lazy_import("unmodeled.diagnosis:fit_model")(self, records, **own)
 
     def matched(self, records: Sequence[Record]) -> Ready:
         """The model and the records with the same channels.
@@ -643,6 +647,51 @@ class Model(ABC):
         """
         notes: list[str] = []
         return Ready(self, tuple(_with_inputs(r, self, notes) for r in records), tuple(notes))
+
+    def running(
+        self,
+        *,
+        executor: Any = None,
+        cache: str | Path | None = None,
+        workers: int | None = None,
+    ) -> Model:
+        """The same model, whose runs are computed and kept elsewhere.
+
+        Only for models that are functions of a whole record: :class:`~unmodeled.Simulator`,
+        :func:`~unmodeled.fmu`, :func:`~unmodeled.mujoco`.
+
+        Parameters
+        ----------
+        executor
+            Executor of ``concurrent.futures``, or a Dask client: anything with ``submit``, which
+            returns a future. Batches of runs are submitted to it; single runs are made in this
+            process. The function is pickled, unless the executor is one of threads. It is not shut
+            down.
+        cache
+            Folder of finished runs, which are not computed again. They belong to the file that
+            defines the function (or to the attribute ``version`` of the function), to the names of
+            inputs, outputs and parameters, and to the bytes of times, inputs and parameters. A
+            change of another module, library or program is not seen: delete the folder, or change
+            ``version``. A run that raises an exception is not kept.
+        workers
+            Number of processes of this machine, for MuJoCo of threads.
+
+        Raises
+        ------
+        InvalidParameter
+            The model is of another kind, the function cannot be pickled, or nothing identifies it.
+        """
+        del executor, cache, workers
+        raise InvalidParameter(
+            f"model {self.name}: executor, workers and cache are for a Simulator, an FMU or a "
+            f"MuJoCo model, got {type(self).__name__}, whose runs are computed together in this "
+            "process"
+        )
+
+    @property
+    def cached(self) -> str:
+        """How many runs so far were taken from the folder of :meth:`running`; empty: none."""
+        return ""
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare the model and all records of a fit or diagnosis.

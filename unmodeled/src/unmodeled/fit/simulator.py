@@ -10,6 +10,7 @@ import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
-from unmodeled.fit.calling import Run, Runner, calling
+from unmodeled.fit.calling import Means, Run, Runner, calling
 from unmodeled.fit.coordinates import Named
 from unmodeled.fit.model import (
     Batch,
@@ -203,9 +204,9 @@ class Simulator(Model):
         if faults:
             raise InvalidParameter(f"model {name}: " + "; ".join(faults))
         self._open = inputs is None, outputs is None
-        self._workers = workers
+        self._means = Means(workers)
         self._function = function
-        self._runner = Runner(function, self.outputs, name)
+        self._runner = self._new_runner()
         self._steps: dict[str, Step] = {}
         self._ready = False
         again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
@@ -244,8 +245,45 @@ class Simulator(Model):
                 )
             out.inputs = tuple(read)
         out._open = False, False
-        out._runner = Runner(self._function, out.outputs, self.name)
+        out._runner = out._new_runner()
         return out.matched(records)
+
+    def _new_runner(self) -> Runner:
+        names = {"inputs": self.inputs, "outputs": self.outputs, "parameters": self._names}
+        return Runner(self._function, self.outputs, self.name, self._means, names)
+
+    def running(
+        self,
+        *,
+        executor: Any = None,
+        cache: str | Path | None = None,
+        workers: int | None = None,
+    ) -> Simulator:
+        """See :meth:`~unmodeled.Model.running`."""
+        if workers is not None and (workers < 1 or executor is not None):
+            beside = " and an executor" * (executor is not None)
+            raise InvalidParameter(
+                f"model {self.name}: workers = {workers}{beside}, expected a whole number >= 1, or "
+                "an executor alone"
+            )
+        if executor is not None and not callable(getattr(executor, "submit", None)):
+            raise InvalidParameter(
+                f"model {self.name}: executor is {type(executor).__name__}, expected one of "
+                "concurrent.futures or a Dask client: an object with submit"
+            )
+        given = {"executor": executor, "workers": workers}
+        given["cache"] = None if cache is None else Path(cache).expanduser()
+        out = copy.copy(self)
+        out._means = replace(self._means, **{k: v for k, v in given.items() if v is not None})
+        out._runner = out._new_runner()
+        out._ready = False
+        return out
+
+    @property
+    def cached(self) -> str:
+        """See :attr:`~unmodeled.Model.cached`."""
+        found, made = self._runner.found, self._runner.made
+        return f"{found} of {found + made} runs from the cache {self._means.cache}" if found else ""
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """No states: the function defines the start of a run."""
@@ -287,8 +325,9 @@ class Simulator(Model):
         prior = self._point([p.value for p in self.parameters])
         first = Run.of(records[0], self.inputs, prior)
         seconds, again = runner.first(first)
-        if self._workers != 1 and (self._workers or seconds > WORTH_A_PROCESS):
-            runner.start(self._workers)
+        workers = self._means.workers
+        if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
+            runner.start(workers)
         runner.checked([Run.of(r, self.inputs, prior) for r in records])
         out = copy.copy(self)
         with runner.trying():

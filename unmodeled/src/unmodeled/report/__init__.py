@@ -419,6 +419,9 @@ class Report(Result):
     """The model with the fitted parameters and the named effects; None: it is not known."""
     case: Given | None = None
     """What the diagnosis was given, for those who repeat it; None: it is not known."""
+    cached: str = ""
+    """How many runs were taken from the folder ``cache``; empty: none. It is the last line of the
+    text, and no part of the answer."""
 
     @classmethod
     @checked
@@ -478,6 +481,8 @@ class Report(Result):
                 for row in s.rows:
                     table.add_row(*row)
                 screen.print(table)
+        if self.cached:
+            screen.print(f"\n{self.cached}")
         lines = [line.rstrip() for line in file.getvalue().splitlines()]
         double = zip(lines, ["-", *lines], strict=False)
         return "\n".join(line for line, before in double if line or before).rstrip()
