@@ -211,6 +211,10 @@ def test_the_list_is_sorted_and_has_what_matters_only(report):
     assert unsure.changes[0].tier == "supported"
     assert "whether it is the cause is not sure" in unsure.text(200)
     zero = replace(report.named[0], low=-0.001)
+    unsure = replace(unsure, named=(), supported=(zero,))
+    assert "dry friction" in unsure.summary()  # the held-out records need it
+    failing = tuple(replace(w, held_out=((np.inf,) * 2, (0.01,) * 2)) for w in report.without)
+    assert "without it, the simulation fails" in replace(unsure, without=failing).text(200)
     assert "dry friction" not in [c.name for c in replace(report, named=(zero,)).changes]
 
 
