@@ -315,7 +315,14 @@ def _second_store() -> Task:
         outputs={"T": "T"},
     )
     records = _noisy("T", "degC", 0.03, 7, made)
-    truth = Truth("effect", (Cause(("second store T",)),), about="a second store behind the first")
+    # The store is in the path from outside: beside a store that hangs on the first one, the same
+    # outputs need an outside temperature that comes with its lag.
+    truth = Truth(
+        "effect",
+        (Cause(("second store T",)),),
+        free=("lag of input Ta",),
+        about="a second store behind the first",
+    )
     return Task(model, candidates(model, records), records, truth)
 
 

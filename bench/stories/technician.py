@@ -192,15 +192,14 @@ def diagnosis(name: str) -> Iterator[Answer]:
 
 
 def told(folder: Path, cause: str, magnitude: float) -> Iterator[Answer]:
-    """What a diagnosis tells: the part by its parameter, and the tap that was read to 0.2 ms."""
+    """What a diagnosis tells: its list of changes, and the tap that was read to 0.2 ms."""
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
-    moved = {p["name"]: p["value"] for p in report["parameters"]
-             if abs(p["value"] - p["tabulated"]) > 3.0 * p["sd"]}  # fmt: skip
-    yield Answer("parts beyond three tolerances", ", ".join(moved), cause)
+    changes = {c["name"]: c["size"] for c in report["changes"]}
+    late = changes.pop("input_delay", 0.0)
+    yield Answer("changes", ", ".join(changes), cause)
     if cause:
-        yield Answer("share", moved.get(cause, 0.0), magnitude, 0.15 * abs(magnitude))
-    late = [n["magnitude"] for n in report["named"] if n["cause"] == "input_delay"]
-    yield Answer("clock [ms]", 1e3 * sum(late), OFFSET * 1e3 % 1.0, 0.1)
+        yield Answer("share", changes.get(cause, 0.0), magnitude, 0.15 * abs(magnitude))
+    yield Answer("clock [ms]", 1e3 * late, OFFSET * 1e3 % 1.0, 0.1)
 
 
 def customer() -> Iterator[Answer]:

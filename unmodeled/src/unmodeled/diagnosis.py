@@ -20,7 +20,7 @@ from unmodeled.report.case import Given
 from unmodeled.search.compare import compared, refuse
 from unmodeled.search.options import Options
 from unmodeled.search.problem import Problem
-from unmodeled.search.progress import Meter, Progress, Stop
+from unmodeled.search.progress import Limit, Meter, Progress
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.search import search
 from unmodeled.search.variation import varies, with_variation
@@ -89,15 +89,8 @@ def diagnose(
     if executor is not None or cache is not None:
         model = model.running(executor=executor, cache=cache)
     began = time.monotonic()
-    end = began + FITS * options.seconds
     given = (records,) if isinstance(records, Record) else tuple(records)
     meter = Meter(progress, FITS * options.seconds)
-
-    def check() -> None:
-        meter.step()
-        if time.monotonic() > end:
-            raise Stop
-
     with one_thread(), _interrupted():
         meter.stage("prepare")
         ready = ready_records(model, given)
@@ -119,6 +112,7 @@ def diagnose(
         meter.stage("fit")
         searched = search(problem, options, meter.stage, meter.step)
         needed = meter.needed
+        check = Limit(began + FITS * options.seconds, meter.step)
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
         if not result.complete:
             result = replace(result, needed=max(needed, time.monotonic() - began))

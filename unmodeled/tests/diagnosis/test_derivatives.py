@@ -100,3 +100,31 @@ def test_derivatives_of_a_late_record_are_those_of_the_late_motion():
         differences = (at(start - step).residual - at(start + step).residual) / 2e-3
         error = np.linalg.norm(exact[..., k] - differences)
         assert error < 0.01 * np.linalg.norm(differences), k
+
+
+def test_the_derivative_by_a_delay_is_that_of_the_interpolated_outputs():
+    """Steps of the input make kinks, where a difference of neighboring samples is another one."""
+    t, h = np.arange(200.0), 1.0
+    u = np.repeat(np.random.default_rng(0).uniform(-1.0, 1.0, 20), 10)
+    sensor = Sensor(name="x", unit="m", sigma=1e-3, delay_sd=h)
+    record = Record(
+        name="run", time=t, inputs={"u": u}, outputs={"x": 0.1 * u}, sensors={"x": sensor}
+    )
+    model = Equations(
+        lambda t, x, u, p: ((u.u - x.x) / p.tau,),
+        states={"x": (0.0, 0.0, "m")},
+        parameters={"tau": (3.0, 0.1, "s")},
+        hold="zero",
+        inputs={"u": "m"},
+        outputs={"x": "x"},
+    )
+    problem = prepare(ready_records(model, [record]), (), (), Options())
+    assert [q.kind for q in problem.fit[0].local] == ["delay"]
+
+    def at(delay, derivatives=False):
+        point = Point(np.zeros(1), (np.array([delay]),))
+        return evaluate(problem, [Ask((), point, problem.fit, derivatives=derivatives)])[0][0]
+
+    exact = at(0.4, derivatives=True).by_local[..., 0]
+    differences = (at(0.39).residual - at(0.41).residual) / 0.02
+    assert np.linalg.norm(exact - differences) < 0.01 * np.linalg.norm(differences)

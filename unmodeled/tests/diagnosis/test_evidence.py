@@ -9,10 +9,20 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from unmodeled import LinearModel, Parameter
-from unmodeled.search.evidence import effective_share, log_evidence, misfit, precision, weights
+from unmodeled.search.evidence import (
+    DEGREES,
+    effective_share,
+    local_penalty,
+    log_evidence,
+    misfit,
+    precision,
+    system,
+    weights,
+)
 from unmodeled.search.fit import Start, empty_point, fit_sets
+from unmodeled.search.linear import Ask, Point, evaluate
 from unmodeled.search.options import Options
-from unmodeled.search.problem import STRICT, TRUSTED, Local
+from unmodeled.search.problem import STRICT, TRUSTED, Local, Member
 from unmodeled.search.records import prepare, ready_records
 
 from .conftest import SIGMA, spring_record
@@ -112,3 +122,30 @@ def test_the_misfit_is_that_of_the_noise_that_is_left():
     left = misfit(samples, np.array([50.0, 100.0, 400.0]))
     # Below the noise of the sensor a square, above it the logarithm of the rms.
     assert left == pytest.approx([25.0, 50.0, 100.0 * np.log(2.0) + 50.0])
+
+
+def test_the_size_of_an_error_of_each_record_is_known_to_an_order_of_magnitude(spring):
+    """Its penalty is that of a Student t, and the normal equations have half of its gradient."""
+    records = [spring_record(f"r{k}", k, seed=k) for k in range(3)]
+    problem = prepare(ready_records(spring, records), (), (), Options())
+    (which,) = [i for i, c in enumerate(problem.causes) if c.name.startswith("offset of sensor")]
+    members, values = (Member(which),), np.array([3.0, -4.0, 0.5])
+
+    def at(x):
+        point = empty_point(problem, members, problem.fit)
+        return Point(point.x, tuple(np.array([v]) for v in x))
+
+    def penalty(x):
+        return local_penalty(problem, problem.fit, members, at(x))
+
+    n = values.size
+    assert penalty(values) == pytest.approx((DEGREES + n) * np.log1p(25.25 / DEGREES))
+    nothing = [
+        replace(x, residual=0.0 * x.residual)
+        for x in evaluate(problem, [Ask(members, at(values), problem.fit)])[0]
+    ]
+    own = system(problem, problem.fit, members, at(values), nothing, np.ones(1), 1.0)
+    for k, (_, _, target) in enumerate(own.locals):
+        step = 1e-5 * np.eye(n)[k]
+        slope = (penalty(values + step) - penalty(values - step)) / 2e-5
+        assert target == pytest.approx([-0.5 * slope])

@@ -8,7 +8,7 @@ import pytest
 
 from unmodeled import Progress, diagnose
 from unmodeled.cli.screen import ProgressLine
-from unmodeled.search.progress import Meter
+from unmodeled.search.progress import Limit, Meter, Stop
 
 from .conftest import spring_record
 
@@ -99,3 +99,15 @@ def test_the_time_that_is_needed_is_told_before_the_search():
     assert seen[-1].needed == pytest.approx(90.0 / 0.3, rel=0.01)
     assert "all causes need about 5:00 min (--seconds)" in ProgressLine.text(seen[-1])
     assert "--seconds" not in ProgressLine.text(Progress("search", 0.3, 200.0, 90.0, 290.0))
+
+
+def test_no_step_begins_that_would_end_after_the_limit():
+    now = [0.0]
+    limit = Limit(10.0, clock=lambda: now[0])
+    for duration in (1.0, 3.0, 2.0):
+        limit()
+        now[0] += duration
+    limit()  # 6 s, and the longest step takes 3 s
+    now[0] += 2.0
+    with pytest.raises(Stop):
+        limit()

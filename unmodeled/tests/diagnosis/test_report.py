@@ -211,7 +211,13 @@ def test_the_list_is_sorted_and_has_what_matters_only(report):
     assert unsure.changes[0].tier == "supported"
     assert "whether it is the cause is not sure" in unsure.text(200)
     zero = replace(report.named[0], low=-0.001)
-    assert "dry friction" not in [c.name for c in replace(report, named=(zero,)).changes]
+    unsure = replace(unsure, named=(), supported=(zero,))
+    assert "dry friction" in unsure.summary()  # the held-out records need it
+    failing = tuple(replace(w, held_out=((np.inf,) * 2, (0.01,) * 2)) for w in report.without)
+    assert "without it, the simulation fails" in replace(unsure, without=failing).text(200)
+    assert "dry friction" in replace(report, named=(zero,)).summary()  # so does the evidence
+    less = tuple(replace(w, held_out=None, before=w.after) for w in report.without)
+    assert not replace(report, without=less).changes
 
 
 @pytest.mark.parametrize("verdict", [Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.UNKNOWN])

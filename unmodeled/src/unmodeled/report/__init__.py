@@ -219,8 +219,9 @@ def _item(c: Change) -> str:
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
         where = " (held-out records)" if c.held_out else ""
-        left = f"{percent(c.before)} of the motion of {c.channel}"
-        notes.append(f"without it, {left} is left instead of {percent(c.after)}{where}")
+        left = f"{percent(c.before)} of the motion of {c.channel} is left instead of "
+        left = left + percent(c.after) if math.isfinite(c.before) else "the simulation fails"
+        notes.append(f"without it, {left}{where}")
     if len(c.by_record) > 1:
         factor, _ = scale(c.low, c.high, c.unit, relative=c.relative)
         each = [number(factor * v, 0.5 * factor * (c.high - c.low)) for v in c.by_record]

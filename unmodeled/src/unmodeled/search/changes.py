@@ -193,21 +193,18 @@ class _Fits:
     ) -> list[Without]:
         """What is left without a change, under the names of it and its equivalents."""
         (problem, full), (smaller, part) = whole, less
-        none = (math.inf,) * len(problem.channels)
         if full is None:
             return []
-        after, there = _rms(full.linears, problem.fit), None
-        if part is None:
-            there = (none, none) if problem.held_out else None
-            return [Without(name, none, after, there) for name in names]
-        before = _rms(_at(smaller, part, full.point, part.point, problem.fit), problem.fit)
-        if problem.held_out:
-            (f,) = predict(problem, [full], self.check)
-            (p,) = predict(smaller, [part], self.check)
-            if f is not None and p is not None:
-                records = problem.held_out
+        none = (math.inf,) * len(problem.channels)
+        before, there, after = none, None, _rms(full.linears, problem.fit)
+        if part is not None:
+            before = _rms(_at(smaller, part, full.point, part.point, problem.fit), problem.fit)
+        if problem.held_out and (f := predict(problem, [full], self.check)[0]) is not None:
+            records, lost = problem.held_out, none
+            p = None if part is None else predict(smaller, [part], self.check)[0]
+            if part is not None and p is not None:
                 lost = _rms(_at(smaller, part, f.point, p.point, records), records)
-                there = lost, tuple(map(float, f.rms(problem)))
+            there = lost, tuple(map(float, f.rms(problem)))
         return [Without(name, before, after, there) for name in names]
 
     def causes(self, group: Sequence[int], sets: Mapping[tuple[int, ...], Fitted]) -> list[Without]:

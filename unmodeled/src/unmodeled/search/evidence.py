@@ -170,6 +170,7 @@ def system(
     g = linears[0].by_global.shape[2]
     counts = [x.by_local.shape[2] for x in linears]
     weighted, log_det = np.asarray(share / noise**2), 0.0
+    softer = _softer(problem, records, members, point)
     blocks: dict[int, tuple[Array, Array, Array]] = {}
     total = 0.0
     for n in dict.fromkeys(counts):  # records with as many unknowns together
@@ -178,9 +179,11 @@ def system(
         grams = np.array([linears[r].gram for r in rows]).reshape(len(rows), weighted.size, -1)
         gram = (weighted @ grams).reshape(len(rows), size, size)
         local = slice(g, g + n)
-        weight = np.array(
-            [[q.weight for q in local_of(problem, members, records[r])] for r in rows]
-        )
+        own_local = [local_of(problem, members, records[r]) for r in rows]
+        plain = np.array([[q.weight for q in own] for own in own_local])
+        weight = plain
+        if softer:
+            weight = plain * [[softer.get((q.kind, q.index), 1.0) for q in o] for o in own_local]
         inner, target = gram[:, local, local].copy(), gram[:, local, -1]
         diagonal = np.einsum("rnn->rn", inner)
         diagonal += weight * (1.0 + damping) + damping * diagonal
@@ -190,7 +193,7 @@ def system(
             coupling = gram[:, local]
             solved = np.linalg.solve(inner, coupling)
             own -= np.einsum("rnk,rnl->kl", coupling, solved)
-            log_det += float(np.linalg.slogdet(inner)[1].sum() - np.log(weight).sum())
+            log_det += float(np.linalg.slogdet(inner)[1].sum() - np.log(plain).sum())
         total = total + np.delete(np.delete(own, local, axis=0), local, axis=1)
         blocks |= {r: (inner[i], gram[i, local, :g], target[i]) for i, r in enumerate(rows)}
     own = np.asarray(total)
@@ -213,13 +216,44 @@ def misfit(samples: Array, squares: Array) -> Array:
 def local_penalty(
     problem: Problem, records: Sequence[Observed], members: Members, point: Point
 ) -> float:
-    """Penalty of the unknowns of all records."""
-    return float(
+    """Penalty of the unknowns of all records.
+
+    That of a cause is a Student t of all its values together: as for other causes, its size is
+    known to an order of magnitude.
+    """
+    total = float(
         sum(
             (np.array([q.weight for q in local_of(problem, members, o)]) * values**2).sum()
             for o, values in zip(records, point.local, strict=True)
         )
     )
+    for squares, count in _causes_of_records(problem, records, members, point).values():
+        total += (DEGREES + count) * float(np.log1p(squares / DEGREES)) - squares
+    return total
+
+
+def _causes_of_records(
+    problem: Problem, records: Sequence[Observed], members: Members, point: Point
+) -> dict[tuple[str, int], tuple[float, int]]:
+    """Sum of the squares of the values that a cause has in records, and their number."""
+    keys, found = {(q.kind, q.index) for q in problem.locals_of(members)}, {}
+    for key in keys:
+        values = [
+            float(v)
+            for o, own in zip(records, point.local, strict=True)
+            for q, v in zip(local_of(problem, members, o), own, strict=True)
+            if (q.kind, q.index) == key
+        ]
+        found[key] = sum(v * v for v in values), len(values)
+    return found
+
+
+def _softer(
+    problem: Problem, records: Sequence[Observed], members: Members, point: Point
+) -> dict[tuple[str, int], float]:
+    """Factors of the weights of the causes of records: half the gradient of their penalty."""
+    found = _causes_of_records(problem, records, members, point)
+    return {key: (DEGREES + n) / (DEGREES + squares) for key, (squares, n) in found.items()}
 
 
 def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:

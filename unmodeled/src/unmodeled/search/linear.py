@@ -45,8 +45,8 @@ RUNAWAY = 1e100
 #: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count
 #: as diverged: the integrator is near its limit of stability there.
 STEEP = 100.0
-#: Step of a difference by the logarithm of a number of a shape.
-SHAPE_STEP = 0.02
+#: Step of a difference by the logarithm of a number of a shape, and by a delay [intervals].
+SHAPE_STEP, LATER = 0.02, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -358,9 +358,13 @@ def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, 
     observed, values = ask.records[r], ask.point.local[r]
     columns: dict[int, Array] = {}
     local = local_of(problem, ask.members, observed)
-    outputs = outputs.copy()
+    outputs, record = outputs.copy(), observed.record
+    half, slopes = LATER * record.interval, np.zeros_like(outputs)
     for late, delay in _delays(problem, ask, r):
-        outputs[:, late] = delayed(observed.record, outputs[:, late], delay)
+        # The slope is that of the interpolated outputs, which may have kinks.
+        after, before = (delayed(record, outputs[:, late], delay + d) for d in (half, -half))
+        slopes[:, late] = (after - before) / (2.0 * half)
+        outputs[:, late] = delayed(record, outputs[:, late], delay)
     readings = outputs.copy()
     for j, (q, value) in enumerate(zip(local, values, strict=True)):
         if q.kind == "mode":
@@ -372,8 +376,7 @@ def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, 
         y = outputs[:, q.index]
         column = np.zeros_like(outputs)
         if q.kind == "delay":
-            late = [*q.channels]
-            column[:, late] = -np.gradient(outputs[:, late], observed.record.time, axis=0)
+            column[:, [*q.channels]] = slopes[:, [*q.channels]]
             columns[j] = column * q.scale
             continue
         column[:, q.index] = y if q.kind == "gain" else 1.0

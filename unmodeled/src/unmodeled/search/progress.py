@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Meter", "Progress", "Stop"]
+__all__ = ["Limit", "Meter", "Progress", "Stop"]
 
 #: Typical share of the time of a diagnosis at the end of each stage [1].
 ENDS = {
@@ -40,6 +40,43 @@ class Stop(Exception):
     def __init__(self, fits: Sequence[Any] = ()) -> None:
         super().__init__()
         self.fits = fits
+
+
+class Limit:
+    """A time after which no step begins, and before which none begins that would end after it.
+
+    Parameters
+    ----------
+    end
+        End [s], by ``clock``.
+    step
+        Is called before each step.
+    clock
+        Time [s].
+    """
+
+    def __init__(
+        self,
+        end: float,
+        step: Callable[[], None] = lambda: None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._end, self._step, self._clock = end, step, clock
+        self._last, self._longest = clock(), 0.0
+
+    def __call__(self) -> None:
+        """The next step begins; it may take as long as the longest one before.
+
+        Raises
+        ------
+        Stop
+            It would end after the limit.
+        """
+        self._step()
+        now = self._clock()
+        self._longest, self._last = max(self._longest, now - self._last), now
+        if now + self._longest > self._end:
+            raise Stop
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from unmodeled.arguments import checked
+from unmodeled.arguments import AnyNumber, checked
 from unmodeled.data import Array
 from unmodeled.fit.model import UserUnit
 
@@ -99,7 +99,7 @@ class Channel:
     """Residual that does not matter."""
 
     @checked
-    def share(self, residual: float) -> float:
+    def share(self, residual: AnyNumber) -> float:
         """A residual as a share of the motion [1]."""
         return residual / self.motion if self.motion > 0.0 else math.nan
 
@@ -414,9 +414,9 @@ class Result:
     def changes(self) -> tuple[Change, ...]:
         """The answer: what changes, by how much, and what it takes away, the largest first.
 
-        A change is listed if its interval excludes zero, and if it takes away more than what does
-        not matter. If the verdict is UNKNOWN, parameters may imitate what is not known: they are
-        only in ``parameters``.
+        A change is listed if it takes away more than what does not matter, a supported one always,
+        and a fitted parameter only if its interval excludes zero. If the verdict is UNKNOWN,
+        parameters may imitate what is not known: they are only in ``parameters``.
         """
         known = {n.changes for group in (self.named, *self.classes, self.supported) for n in group}
         found = [self._change(n, "named") for n in self.named]
@@ -429,7 +429,13 @@ class Result:
             if alike and not known & {p.name for p in alike}:
                 first, *others = (self._change(p.as_cause(), "fitted", p) for p in alike)
                 found.append(replace(first, equivalents=tuple(others)))
-        listed = [c for c in found if c.matters and not c.low <= 0.0 <= c.high]
+        # The records need what is named or supported, also if its size is not sure.
+        listed = [
+            c
+            for c in found
+            if c.tier == "supported"
+            or (c.matters and (c.tier != "fitted" or not c.low <= 0.0 <= c.high))
+        ]
         return tuple(sorted(listed, key=lambda c: -np.nan_to_num(c.takes, nan=math.inf)))
 
     def _change(

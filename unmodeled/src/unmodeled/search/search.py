@@ -31,7 +31,7 @@ from unmodeled.search.held_out import Predicted
 from unmodeled.search.linear import Ask, Linear, Point, evaluate, local_of, unknowns_of
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Member, Members, Observed, Problem
-from unmodeled.search.progress import Stop
+from unmodeled.search.progress import Limit, Stop
 from unmodeled.search.score import (
     Directions,
     Score,
@@ -122,15 +122,10 @@ def search(
         The model alone cannot be simulated.
     """
     end = time.monotonic() + SEARCH * options.seconds
-
-    def check() -> None:
-        step()
-        if time.monotonic() > end:
-            raise Stop
-
     found = Searched(problem)
     now = model_alone(problem, step)
     _keep(found, [now])
+    check = Limit(end, step)
     try:
         _climb(problem, options, found, now, check, tell)
     except (Stop, KeyboardInterrupt) as stop:
@@ -423,6 +418,7 @@ def _climb(
 
     @cache
     def scored(fitted: Fitted) -> tuple[list[Score], Directions]:
+        check()
         seen = directions(problem, fitted, found.directions)
         found.directions = found.directions or seen
         return scores(problem, fitted, seen), seen
@@ -484,6 +480,7 @@ def _exchange_alike(
     problem: Problem, found: Searched, now: Fitted, check: Callable[[], None]
 ) -> None:
     """Fit every cause and parameter with the same column as a member in its place."""
+    check()
     seen, jobs = directions(problem, now), []
     for member in now.members:
         if problem.causes[member.cause].local is not None:

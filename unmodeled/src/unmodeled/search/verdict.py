@@ -62,7 +62,7 @@ SAME = 0.01
 GOOD_ENOUGH = 0.01
 #: Number of sets from which the search for a supported one begins; log of the smallest ratio of
 #: held-out residuals without and with a member.
-SUPPORTED, WORTH_A_MEMBER = 3, 0.05
+SUPPORTED, WORTH_A_MEMBER = 3, 0.2
 #: Difference of the log likelihoods at the end of a 95 % interval, below which two causes are
 #: equal, and log odds above which both are possible.
 PROFILE, EQUAL, POSSIBLE = 1.92, 1.0, -7.0
