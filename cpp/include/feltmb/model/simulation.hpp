@@ -75,7 +75,8 @@ struct SimulationOptions {
 struct SimulationState {
   double time = 0.0;                        ///< [s] on the clock of the run that ended
   std::vector<double> y;                    ///< see MechanismSystem
-  std::vector<double> largest_compression;  ///< remembered by each contact [m]; empty: nothing
+  /// Remembered by each contact [m], then turning points (Dynamics::memories); empty: nothing.
+  std::vector<double> largest_compression;
 
   /// Throws InvalidParameter unless this is a possible state of `mechanism` with `size` values.
   void check(const Mechanism& mechanism, std::size_t size) const;
