@@ -258,12 +258,14 @@ void bind_contact(py::module_& m) {
            "Force [N] if the step were taken; the memory stays.")
       .def("save", &LawPath::save, "Compression, largest one, states, turning points, as numbers.")
       .def(
-          "restore",
-          [](LawPath& path, const std::vector<double>& saved) { path.restore(saved); },
+          "restore", [](LawPath& path, const std::vector<double>& saved) { path.restore(saved); },
           py::arg("saved"))
-      .def("energy", [](const LawPath& path, const ContactLaw& law) {
-        return law.stored_energy(path.compression(), path.memory());
-      }, py::arg("law"), "Stored energy [J].")
+      .def(
+          "energy",
+          [](const LawPath& path, const ContactLaw& law) {
+            return law.stored_energy(path.compression(), path.memory());
+          },
+          py::arg("law"), "Stored energy [J].")
       .def_property_readonly("compression", &LawPath::compression)
       .def_property_readonly("largest", &LawPath::largest)
       .def_property_readonly("state", &LawPath::state);

@@ -88,7 +88,8 @@ ContactLaw law_from_text(const std::string& text) {
     if (!words.eof()) throw InvalidParameter("entry " + key + ": expected numbers only");
   }
   for (const LawInfo& law : contact_laws()) {
-    if (law.name == name) return ContactLaw(make_contact_law(name, values_of_entries(law, entries)));
+    if (law.name == name)
+      return ContactLaw(make_contact_law(name, values_of_entries(law, entries)));
   }
   return ContactLaw(make_contact_law(name, {}));  // names those that are known
 }

@@ -23,7 +23,7 @@ typedef struct feltmb_felt feltmb_felt;
  * NULL if the text is wrong: then `message` (of `size` bytes, may be NULL) says why. */
 feltmb_felt* feltmb_felt_create(const char* text, char* message, size_t size);
 feltmb_felt* feltmb_felt_copy(const feltmb_felt* felt);
-void feltmb_felt_free(feltmb_felt* felt); /* NULL: nothing */
+void feltmb_felt_free(feltmb_felt* felt);  /* NULL: nothing */
 void feltmb_felt_reset(feltmb_felt* felt); /* virgin again */
 
 /* Moves to `compression` within `duration` > 0, linear in time; returns the force. NaN, and

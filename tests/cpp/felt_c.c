@@ -5,10 +5,10 @@
 
 #include "feltmb_felt.h"
 
-#define CHECK(x)                                        \
-  if (!(x)) {                                           \
-    fprintf(stderr, "line %d: %s\n", __LINE__, #x);     \
-    return 1;                                           \
+#define CHECK(x)                                    \
+  if (!(x)) {                                       \
+    fprintf(stderr, "line %d: %s\n", __LINE__, #x); \
+    return 1;                                       \
   }
 
 static const char* TEXT =
@@ -52,7 +52,8 @@ int main(void) {
   feltmb_felt_restore(other, saved, count);
   CHECK(fabs(work - feltmb_felt_energy(other)) < 1e-5 * work);
   CHECK(isnan(feltmb_felt_step(other, NAN, 1.0)) && isnan(feltmb_felt_peek(other, 0.0, 0.0)));
-  CHECK(feltmb_felt_create("law felt_return_point\nloading 1 2\n", message, sizeof message) == NULL);
+  CHECK(feltmb_felt_create("law felt_return_point\nloading 1 2\n", message, sizeof message) ==
+        NULL);
   CHECK(strstr(message, "loading") != NULL);
   CHECK(feltmb_felt_create("law hunt_crossley\nstifness 1\n", message, sizeof message) == NULL);
   CHECK(strstr(message, "stifness") != NULL);

@@ -291,18 +291,20 @@ TEST_CASE("the laws of thesis section 2.2 are the histories of the same names") 
     return make_history_law(name, p);
   };
   compare(LankaraniNikravesh{4e6, 1.5, 0.7, 1.2},
-          *make("lankarani_nikravesh",
-                {{"stiffness", {4e6}},
-                 {"exponent", {1.5}},
-                 {"restitution", {0.7}},
-                 {"impact_speed", {1.2}}}),
+          *make("lankarani_nikravesh", {{"stiffness", {4e6}},
+                                        {"exponent", {1.5}},
+                                        {"restitution", {0.7}},
+                                        {"impact_speed", {1.2}}}),
           1e-6, 1e-12);
-  compare(StulovDifferential{4e8, 2.5, 1e-5},
-          *make("stulov_differential", {{"stiffness", {4e8}}, {"exponent", {2.5}}, {"time", {1e-5}}}), 1e-6,
-          1e-12);
-  compare(Stulov{4e8, 2.5, 0.3, 2e-4},
-          *make("stulov", {{"stiffness", {4e8}}, {"exponent", {2.5}}, {"amplitude", {0.3}}, {"time", {2e-4}}}),
-          1e-6, 1e-12);
+  compare(
+      StulovDifferential{4e8, 2.5, 1e-5},
+      *make("stulov_differential", {{"stiffness", {4e8}}, {"exponent", {2.5}}, {"time", {1e-5}}}),
+      1e-6, 1e-12);
+  compare(
+      Stulov{4e8, 2.5, 0.3, 2e-4},
+      *make("stulov",
+            {{"stiffness", {4e8}}, {"exponent", {2.5}}, {"amplitude", {0.3}}, {"time", {2e-4}}}),
+      1e-6, 1e-12);
   compare(Maxwell{1e8, 2.2, 2e8, 2.6, 1e-3},
           *make("maxwell",
                 {{"E_inf", {1e8}}, {"p_inf", {2.2}}, {"E", {2e8}}, {"p", {2.6}}, {"tau", {1e-3}}}),

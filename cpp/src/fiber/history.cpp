@@ -233,15 +233,14 @@ std::vector<LawDescription> make_history_descriptions() {
         positive("p", "", "their exponents, one value per branch or one for all"),
         positive("tau", "s", "relaxation times")}});
   const LawParameter exponent = positive("exponent", "", "p, of the compression");
-  all.push_back(
-      {"stulov",
-       "Stulov: hereditary law, four parameters",
-       "thesis eq. 2.11; Stulov [104-106]",
-       "x below the felt's thickness",
-       {positive("stiffness", "N/m^p", "F0, instantaneous"),
-        exponent,
-        {"amplitude", "", kNaN, 0, 0.999999, false, 0, 0.999, false, "epsilon"},
-        positive("time", "s", "tau0, relaxation time")}});
+  all.push_back({"stulov",
+                 "Stulov: hereditary law, four parameters",
+                 "thesis eq. 2.11; Stulov [104-106]",
+                 "x below the felt's thickness",
+                 {positive("stiffness", "N/m^p", "F0, instantaneous"),
+                  exponent,
+                  {"amplitude", "", kNaN, 0, 0.999999, false, 0, 0.999, false, "epsilon"},
+                  positive("time", "s", "tau0, relaxation time")}});
   all.push_back({"stulov_differential",
                  "Stulov: three parameters, slow limit",
                  "thesis eq. 2.12; Stulov [104-106]",
@@ -352,18 +351,19 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
   faults.raise_if_any();
   const auto value = [&](const char* key) { return values[key][0]; };
   if (name == "stulov") {
-    return std::make_unique<StulovLaw>(value("stiffness"), value("exponent"),
-                                       value("amplitude"), value("time"));
+    return std::make_unique<StulovLaw>(value("stiffness"), value("exponent"), value("amplitude"),
+                                       value("time"));
   }
   if (name == "stulov_differential") {
     return std::make_unique<ImpactLaw>(ImpactLaw::Kind::stulov_differential, value("stiffness"),
                                        value("exponent"), value("time"));
   }
-  const double damping = name == "hunt_crossley"
-                             ? value("damping")
-                             : 0.75 * (1.0 - value("restitution") * value("restitution")) / value("impact_speed");
-  return std::make_unique<ImpactLaw>(ImpactLaw::Kind::linear_in_rate, value("stiffness"), value("exponent"),
-                                     damping);
+  const double damping =
+      name == "hunt_crossley"
+          ? value("damping")
+          : 0.75 * (1.0 - value("restitution") * value("restitution")) / value("impact_speed");
+  return std::make_unique<ImpactLaw>(ImpactLaw::Kind::linear_in_rate, value("stiffness"),
+                                     value("exponent"), damping);
 }
 
 void run_history(HistoryLaw& law, std::span<const double> time, std::span<const double> x,

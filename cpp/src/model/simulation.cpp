@@ -196,9 +196,10 @@ void SimulationState::check(const Mechanism& mechanism, std::size_t size) const 
   if (largest_compression.empty()) return;
   const std::size_t contacts = mechanism.contacts.size();
   if (largest_compression.size() < contacts || (largest_compression.size() - contacts) % 2 != 0) {
-    throw InvalidParameter(format("start memory: got %zu values, expected one a contact (%zu) "
-                                  "and pairs of a contact and a turning point",
-                                  largest_compression.size(), contacts));
+    throw InvalidParameter(
+        format("start memory: got %zu values, expected one a contact (%zu) "
+               "and pairs of a contact and a turning point",
+               largest_compression.size(), contacts));
   }
   constexpr double most = 1.0;  // m: thicker than any felt
   for (std::size_t i = 0; i < contacts; ++i) {

@@ -73,8 +73,8 @@ struct SimulationOptions {
 
 /// Complete state from which a run can continue.
 struct SimulationState {
-  double time = 0.0;                        ///< [s] on the clock of the run that ended
-  std::vector<double> y;                    ///< see MechanismSystem
+  double time = 0.0;      ///< [s] on the clock of the run that ended
+  std::vector<double> y;  ///< see MechanismSystem
   /// Remembered by each contact [m], then turning points (Dynamics::memories); empty: nothing.
   std::vector<double> largest_compression;
 

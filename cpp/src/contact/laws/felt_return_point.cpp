@@ -75,11 +75,17 @@ double FeltReturnPoint::apart(double e, double largest) const {
   return std::max(0.0, envelope->loading_energy(largest) - envelope->loading_energy(e));
 }
 
-double FeltReturnPoint::value(double e, double largest, const TurningPoint& from,
-                              bool rising) const {
+/// y, and its slope over F_L, with n turning points left.
+CurveValue FeltReturnPoint::position(double e, double largest, const TurningPoints& turns,
+                                     std::size_t n) const {
+  if (n == 0) return {0.0, 0.0};
+  const TurningPoint& from = turns[n - 1];
+  const bool rises = n % 2 == 1;
+  const double m = 2.0 / kappa;
   const double g = apart(e, largest);
-  if (rising) return from.value + 1.0 - std::pow(g / from.apart, 2.0 / kappa);
-  return from.value - 1.0 + std::pow(from.apart / g, 2.0 / kappa);
+  if (g <= 0.0) return {from.value + 1.0, 0.0};  // e_m, to rounding
+  const double left = std::pow(rises ? g / from.apart : from.apart / g, m);
+  return {rises ? from.value + 1.0 - left : from.value - 1.0 + left, m * left / g};
 }
 
 LawValue FeltReturnPoint::force(double e, double, const LawMemory& memory, LawStates&) const {
@@ -94,22 +100,11 @@ LawValue FeltReturnPoint::force(double e, double, const LawMemory& memory, LawSt
   const CycleValue v =
       known ? envelope->cycle(e, *kept) : envelope->cycle(e, envelope->cycle_to(largest));
   const TurningPoints& turns = turns_of(memory);
-  const std::size_t n = left_at(e, turns);
-  double y = 0.0;
-  double slope = 0.0;
-  if (n > 0) {
-    const TurningPoint& from = turns[n - 1];
-    const double m = 2.0 / kappa;
-    const double g = apart(e, largest);
-    const double ratio = n % 2 == 1 ? g / from.apart : from.apart / g;
-    const double left = g > 0.0 ? std::pow(ratio, m) : 0.0;
-    y = n % 2 == 1 ? from.value + 1.0 - left : from.value - 1.0 + left;
-    slope = g > 0.0 ? m * left * v.loading / g : 0.0;
-  }
+  const auto [y, slope] = position(e, largest, turns, left_at(e, turns));
   const double mix = v.ratio + y * (1.0 - v.ratio);
   return {v.loading * mix,
           v.loading_slope * mix +
-              v.loading * ((1.0 - y) * v.ratio_slope + (1.0 - v.ratio) * slope),
+              v.loading * ((1.0 - y) * v.ratio_slope + (1.0 - v.ratio) * slope * v.loading),
           0.0};
 }
 
@@ -119,10 +114,9 @@ double FeltReturnPoint::band_energy(double e, double largest, const TurningPoint
   if (n == 0) return 0.0;
   TurningPoint top = turns[n - 1];
   const TurningPoint& low = n % 2 == 1 ? turns[n - 1] : turns[n - 2];
-  if (n % 2 == 1) top = {e, apart(e, largest), value(e, largest, low, true), 0.0};
+  if (n % 2 == 1) top = {e, apart(e, largest), position(e, largest, turns, n).force, 0.0};
   const double m = 2.0 / kappa;
-  return low.below +
-         integrate_band(*envelope, low.compression, e, largest, m, [&](double apart) {
+  return low.below + integrate_band(*envelope, low.compression, e, largest, m, [&](double apart) {
            return top.value - 1.0 + std::pow(top.apart / apart, m);
          });
 }
@@ -132,8 +126,7 @@ double FeltReturnPoint::energy(double e, const LawMemory& memory) const {
   const double largest = memory.largest;
   if (e >= largest || largest < nothing) return envelope->unloading_energy(e, e);
   const TurningPoints& turns = turns_of(memory);
-  return envelope->unloading_energy(e, largest) +
-         band_energy(e, largest, turns, left_at(e, turns));
+  return envelope->unloading_energy(e, largest) + band_energy(e, largest, turns, left_at(e, turns));
 }
 
 double FeltReturnPoint::dissipated_power(double e, double rate, const LawMemory& memory) const {
@@ -148,9 +141,8 @@ double FeltReturnPoint::dissipated_power(double e, double rate, const LawMemory&
   const double g = apart(e, largest);
   if (g <= 0.0) return 0.0;
   const double least = std::pow(g / low.apart, m);
-  const double lost =
-      integrate_band(*envelope, low.compression, e, largest, m,
-                     [&](double apart) { return std::pow(g / apart, m) - least; });
+  const double lost = integrate_band(*envelope, low.compression, e, largest, m,
+                                     [&](double apart) { return std::pow(g / apart, m) - least; });
   return rate * m * envelope->loading(e).force / g * lost;
 }
 
@@ -171,9 +163,8 @@ void FeltReturnPoint::turn(double e, double largest, TurningPoints& turns) const
   }
   std::size_t n = left_at(e, turns);
   if (n > 0 && turns[n - 1].compression == e) --n;  // a loop of no size
-  const bool rises = n % 2 == 1;
-  TurningPoint at{e, apart(e, largest), n > 0 ? value(e, largest, turns[n - 1], rises) : 0.0, 0.0};
-  if (!rises) at.below = band_energy(e, largest, turns, n);
+  TurningPoint at{e, apart(e, largest), position(e, largest, turns, n).force, 0.0};
+  if (n % 2 == 0) at.below = band_energy(e, largest, turns, n);
   turns.resize(n);
   // G is zero to rounding: e_m itself.
   if (at.apart > 0.0) turns.push_back(at);

@@ -16,12 +16,12 @@ namespace feltmb {
 /// where y in [0, 1] follows from the turning points. With G(e) = integral of F_L from e to e_m and
 /// m = 2 / kappa, from the last turning point k
 ///   y = y_k + 1 - (G / G_k)^m  rising,   y = y_k - 1 + (G_k / G)^m  falling,
-/// y = 0 falling from e_m: the measured curve. In x = -m ln G both are y_k +- (1 - exp(-|x - x_k|)):
-/// branches depend on the way since the turning point alone (congruency), a loop that closes ends at
-/// the force where it began (return point), and goes on along the branch that it interrupted (wiping
-/// out). The first rise after a full release has y = 1 - (1 - q)^(1 / kappa), with the share q =
-/// 1 - (G / G(0))^2 of the area of a band that closes in proportion to G; felt_memory has
-/// 1 - exp(-q / kappa).
+/// y = 0 falling from e_m: the measured curve. In x = -m ln G both are y_k +- (1 - exp(-|x -
+/// x_k|)): branches depend on the way since the turning point alone (congruency), a loop that
+/// closes ends at the force where it began (return point), and goes on along the branch that it
+/// interrupted (wiping out). The first rise after a full release has y = 1 - (1 - q)^(1 / kappa),
+/// with the share q = 1 - (G / G(0))^2 of the area of a band that closes in proportion to G;
+/// felt_memory has 1 - exp(-q / kappa).
 ///
 /// Stored energy psi: what the felt gives back if it is let go from here,
 ///   psi = integral of F_U + y_f D from 0 to e,  y_f falling from (e, y).
@@ -68,7 +68,7 @@ struct FeltReturnPoint {
 
  private:
   double apart(double e, double largest) const;
-  double value(double e, double largest, const TurningPoint& from, bool rising) const;
+  CurveValue position(double e, double largest, const TurningPoints& turns, std::size_t n) const;
   double band_energy(double e, double largest, const TurningPoints& turns, std::size_t n) const;
 };
 
