@@ -319,9 +319,9 @@ def laws_with_memory() -> Any:
     t = np.linspace(0, 2e-3, 2001)
     u = 1e-3 * np.sin(math.pi * t / 2e-3)
     cases: tuple[tuple[str, dict[str, Any]], ...] = (
-        ("stulov", {"F0": 1e9, "p": 2.5, "epsilon": 0.6, "tau0": 2e-4}),
-        ("stulov_differential", {"F0": 4e8, "p": 2.5, "alpha": 3e-4}),
-        ("hunt_crossley", {"K": 4e8, "n": 2.5, "alpha": 0.2}),
+        ("stulov", {"stiffness": 1e9, "exponent": 2.5, "amplitude": 0.6, "time": 2e-4}),
+        ("stulov_differential", {"stiffness": 4e8, "exponent": 2.5, "time": 3e-4}),
+        ("hunt_crossley", {"stiffness": 4e8, "exponent": 2.5, "damping": 0.2}),
         ("lankarani_nikravesh", {"K": 4e8, "n": 2.5, "e": 0.8, "impact_speed": 1.57}),
     )
     for color, (name, given) in zip(COLORS, cases, strict=False):

@@ -256,6 +256,16 @@ void bind_contact(py::module_& m) {
            "Moves to compression [m] within duration [s]; returns the force [N].")
       .def("peek", &LawPath::peek, py::arg("compression"), py::arg("duration"),
            "Force [N] if the step were taken; the memory stays.")
+      .def("save", &LawPath::save, "Compression, largest one, states, turning points, as numbers.")
+      .def(
+          "restore", [](LawPath& path, const std::vector<double>& saved) { path.restore(saved); },
+          py::arg("saved"))
+      .def(
+          "energy",
+          [](const LawPath& path, const ContactLaw& law) {
+            return law.stored_energy(path.compression(), path.memory());
+          },
+          py::arg("law"), "Stored energy [J].")
       .def_property_readonly("compression", &LawPath::compression)
       .def_property_readonly("largest", &LawPath::largest)
       .def_property_readonly("state", &LawPath::state);

@@ -38,6 +38,8 @@ std::vector<LawParameters> samples() {
   creeping.creep_damping = 300.0;
   creeping.rate_amplitude = 0.2;
   creeping.rate_time = 1e-3;
+  FeltReturnPoint returning;
+  returning.envelope = felt.envelope;
   ExponentialPair pair{kUp, kDown};
   ExponentialPair relaxing = pair;
   relaxing.rate_amplitude = 0.3;
@@ -54,6 +56,7 @@ std::vector<LawParameters> samples() {
           Dunlop{2e5, 1.3, 0.2, 0.1, 0.3, 0.8, 50.0},
           felt,
           creeping,
+          returning,
           Expression{"k*e^p*(1 + d*rate)", {{"k", 4e6}, {"p", 1.8}, {"d", 0.6}}, {}},
           Callback{&spring_of, {4e6, 1.8, 0.6}}};
 }
@@ -288,15 +291,20 @@ TEST_CASE("the laws of thesis section 2.2 are the histories of the same names") 
     return make_history_law(name, p);
   };
   compare(LankaraniNikravesh{4e6, 1.5, 0.7, 1.2},
-          *make("lankarani_nikravesh",
-                {{"K", {4e6}}, {"n", {1.5}}, {"e", {0.7}}, {"impact_speed", {1.2}}}),
+          *make("lankarani_nikravesh", {{"stiffness", {4e6}},
+                                        {"exponent", {1.5}},
+                                        {"restitution", {0.7}},
+                                        {"impact_speed", {1.2}}}),
           1e-6, 1e-12);
-  compare(StulovDifferential{4e8, 2.5, 1e-5},
-          *make("stulov_differential", {{"F0", {4e8}}, {"p", {2.5}}, {"alpha", {1e-5}}}), 1e-6,
-          1e-12);
-  compare(Stulov{4e8, 2.5, 0.3, 2e-4},
-          *make("stulov", {{"F0", {4e8}}, {"p", {2.5}}, {"epsilon", {0.3}}, {"tau0", {2e-4}}}),
-          1e-6, 1e-12);
+  compare(
+      StulovDifferential{4e8, 2.5, 1e-5},
+      *make("stulov_differential", {{"stiffness", {4e8}}, {"exponent", {2.5}}, {"time", {1e-5}}}),
+      1e-6, 1e-12);
+  compare(
+      Stulov{4e8, 2.5, 0.3, 2e-4},
+      *make("stulov",
+            {{"stiffness", {4e8}}, {"exponent", {2.5}}, {"amplitude", {0.3}}, {"time", {2e-4}}}),
+      1e-6, 1e-12);
   compare(Maxwell{1e8, 2.2, 2e8, 2.6, 1e-3},
           *make("maxwell",
                 {{"E_inf", {1e8}}, {"p_inf", {2.2}}, {"E", {2e8}}, {"p", {2.6}}, {"tau", {1e-3}}}),

@@ -41,6 +41,7 @@ ContactLaw::ContactLaw(const LawParameters& parameters) : parameters_(parameters
         has_memory_ = detail::remembers<L>();
         still_when_open_ = n_states_ == 0;
         if constexpr (requires { law.still_when_open(); }) still_when_open_ = law.still_when_open();
+        has_turns_ = requires(TurningPoints& turns) { law.turn(0.0, 0.0, turns); };
         if constexpr (requires { law.recovery_time; }) recovery_time_ = law.recovery_time;
         if constexpr (requires { law.cycle_envelope(); }) envelope_ = law.cycle_envelope();
       },
@@ -182,6 +183,16 @@ bool ContactLaw::advance(PathPoint& at, double compression, double duration) con
           return law.advance(at, compression, duration);
         }
         return false;
+      },
+      parameters_);
+}
+
+void ContactLaw::turn(double compression, double largest, TurningPoints& turns) const {
+  std::visit(
+      [&]<class L>(const L& law) {
+        if constexpr (requires { law.turn(compression, largest, turns); }) {
+          law.turn(compression, largest, turns);
+        }
       },
       parameters_);
 }

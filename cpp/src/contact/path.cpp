@@ -20,6 +20,7 @@ void LawPath::reset() { at_ = {}; }
 void LawPath::move(double compression, double duration) {
   if (law_->recovery_time() > 0.0 && at_.compression <= 0.0) {
     at_.largest *= std::exp(-duration / law_->recovery_time());
+    law_->turn(0.0, at_.largest, at_.turns);
   }
   if (law_->advance(at_, compression, duration)) return;
   if (law_->n_states() > 0) {
@@ -57,6 +58,29 @@ void LawPath::move_by_substeps(double compression, double duration) {
     at_.largest =
         std::max(at_.largest, law_->felt_compression(start + rate * h * (i + 1), memory()));
   }
+}
+
+std::vector<double> LawPath::save() const {
+  std::vector<double> out{at_.compression, at_.largest};
+  out.insert(out.end(), at_.state.begin(), at_.state.begin() + law_->n_states());
+  for (const TurningPoint& turn : at_.turns) out.push_back(turn.compression);
+  return out;
+}
+
+void LawPath::restore(std::span<const double> saved) {
+  const std::size_t least = 2 + law_->n_states();
+  if (saved.size() < least || (saved.size() > least && !law_->has_turns())) {
+    throw InvalidParameter(format("state of a felt: got %zu numbers, law %s has %zu", saved.size(),
+                                  law_->name().c_str(), least));
+  }
+  for (const double number : saved) {
+    if (!std::isfinite(number)) throw InvalidParameter("state of a felt: a number is not finite");
+  }
+  at_ = {};
+  at_.compression = saved[0];
+  at_.largest = saved[1];
+  std::copy_n(saved.begin() + 2, law_->n_states(), at_.state.begin());
+  for (const double e : saved.subspan(least)) law_->turn(e, at_.largest, at_.turns);
 }
 
 double LawPath::step(double compression, double duration) {

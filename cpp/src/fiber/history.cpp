@@ -232,38 +232,37 @@ std::vector<LawDescription> make_history_descriptions() {
         positive("E", "Pa", "springs of the branches"),
         positive("p", "", "their exponents, one value per branch or one for all"),
         positive("tau", "s", "relaxation times")}});
-  const LawParameter exponent = positive("p", "", "exponent of the compression");
-  all.push_back(
-      {"stulov",
-       "Stulov: hereditary law, four parameters",
-       "thesis eq. 2.11; Stulov [104-106]",
-       "x below the felt's thickness",
-       {positive("F0", "N/m^p", "instantaneous stiffness"),
-        exponent,
-        {"epsilon", "", kNaN, 0, 0.999999, false, 0, 0.999, false, "hereditary amplitude"},
-        positive("tau0", "s", "relaxation time")}});
+  const LawParameter exponent = positive("exponent", "", "p, of the compression");
+  all.push_back({"stulov",
+                 "Stulov: hereditary law, four parameters",
+                 "thesis eq. 2.11; Stulov [104-106]",
+                 "x below the felt's thickness",
+                 {positive("stiffness", "N/m^p", "F0, instantaneous"),
+                  exponent,
+                  {"amplitude", "", kNaN, 0, 0.999999, false, 0, 0.999, false, "epsilon"},
+                  positive("time", "s", "tau0, relaxation time")}});
   all.push_back({"stulov_differential",
                  "Stulov: three parameters, slow limit",
                  "thesis eq. 2.12; Stulov [104-106]",
                  "slow against tau0",
-                 {positive("F0", "N/m^p", "static stiffness"),
+                 {positive("stiffness", "N/m^p", "F0, static"),
                   exponent,
-                  {"alpha", "s", kNaN, 0, 1e6, false, 0, 1, false, "retarded time"}}});
-  const LawParameter stiffness = positive("K", "N/m^n", "stiffness");
-  const LawParameter hertz{"n", "", 1.5, 0, 20, true, 1, 6, false, "exponent; 3/2 Hertz"};
+                  {"time", "s", kNaN, 0, 1e6, false, 0, 1, false, "alpha, retarded time"}}});
+  const LawParameter stiffness = positive("stiffness", "N/m^p", "K");
+  const LawParameter hertz{"exponent", "", 1.5, 0, 20, true, 1, 6, false, "n; 3/2 Hertz"};
   all.push_back(
       {"hunt_crossley",
        "Hunt and Crossley",
        "thesis 2.3; Hunt, Crossley [38]",
        "no adhesion: force is cut at 0",
-       {stiffness, hertz, {"alpha", "s/m", kNaN, 0, 1e6, false, 0, 10, false, "damping"}}});
+       {stiffness, hertz, {"damping", "s/m", kNaN, 0, 1e6, false, 0, 10, false, "alpha"}}});
   all.push_back({"lankarani_nikravesh",
                  "Lankarani and Nikravesh",
                  "thesis 2.3; Lankarani, Nikravesh [55]",
                  "restitution near 1",
                  {stiffness,
                   hertz,
-                  {"e", "", kNaN, 0, 1, false, 0.3, 1, false, "coefficient of restitution"},
+                  {"restitution", "", kNaN, 0, 1, false, 0.3, 1, false, "its coefficient"},
                   positive("impact_speed", "m/s", "dx/dt at first touch")}});
   return all;
 }
@@ -352,17 +351,19 @@ std::unique_ptr<HistoryLaw> make_history_law(const std::string& name, const List
   faults.raise_if_any();
   const auto value = [&](const char* key) { return values[key][0]; };
   if (name == "stulov") {
-    return std::make_unique<StulovLaw>(value("F0"), value("p"), value("epsilon"), value("tau0"));
+    return std::make_unique<StulovLaw>(value("stiffness"), value("exponent"), value("amplitude"),
+                                       value("time"));
   }
   if (name == "stulov_differential") {
-    return std::make_unique<ImpactLaw>(ImpactLaw::Kind::stulov_differential, value("F0"),
-                                       value("p"), value("alpha"));
+    return std::make_unique<ImpactLaw>(ImpactLaw::Kind::stulov_differential, value("stiffness"),
+                                       value("exponent"), value("time"));
   }
-  const double damping = name == "hunt_crossley"
-                             ? value("alpha")
-                             : 0.75 * (1.0 - value("e") * value("e")) / value("impact_speed");
-  return std::make_unique<ImpactLaw>(ImpactLaw::Kind::linear_in_rate, value("K"), value("n"),
-                                     damping);
+  const double damping =
+      name == "hunt_crossley"
+          ? value("damping")
+          : 0.75 * (1.0 - value("restitution") * value("restitution")) / value("impact_speed");
+  return std::make_unique<ImpactLaw>(ImpactLaw::Kind::linear_in_rate, value("stiffness"),
+                                     value("exponent"), damping);
 }
 
 void run_history(HistoryLaw& law, std::span<const double> time, std::span<const double> x,

@@ -9,7 +9,7 @@ LawForce::LawForce(const ContactLaw& law)
 
 double LawForce::heat(const Point& p) const {
   if (p.compression <= 0.0 && law_->n_states() == 0) return 0.0;
-  const LawMemory memory{p.path.state().data(), p.path.largest()};
+  const LawMemory memory = p.path.memory();
   const double rate = p.compression > 0.0 ? p.rate : 0.0;
   return law_->dissipated_power(std::max(0.0, p.compression), rate, memory);
 }
@@ -21,7 +21,7 @@ modal::ScalarForce::Value LawForce::trial(int stage, double elapsed, double comp
   p.rate = rate;
   p.elapsed = elapsed;
   Value out;
-  if (law_->n_states() == 0) {
+  if (law_->n_states() == 0 && !law_->has_memory()) {
     if (compression <= 0.0) return out;
     const LawValue v = law_->evaluate(compression, rate);
     return {v.force, v.d_compression, v.d_rate};
@@ -50,7 +50,7 @@ void LawForce::accept() {
 }
 
 double LawForce::stored() const {
-  const LawMemory memory{now_.path.state().data(), now_.path.largest()};
+  const LawMemory memory = now_.path.memory();
   return law_->stored_energy(std::max(0.0, now_.compression), memory);
 }
 

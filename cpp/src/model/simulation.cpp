@@ -194,17 +194,34 @@ void SimulationState::check(const Mechanism& mechanism, std::size_t size) const 
     }
   }
   if (largest_compression.empty()) return;
-  if (largest_compression.size() != mechanism.contacts.size()) {
-    throw InvalidParameter(format("start memory: got %zu values, expected one a contact (%zu)",
-                                  largest_compression.size(), mechanism.contacts.size()));
+  const std::size_t contacts = mechanism.contacts.size();
+  if (largest_compression.size() < contacts || (largest_compression.size() - contacts) % 2 != 0) {
+    throw InvalidParameter(
+        format("start memory: got %zu values, expected one a contact (%zu) "
+               "and pairs of a contact and a turning point",
+               largest_compression.size(), contacts));
   }
   constexpr double most = 1.0;  // m: thicker than any felt
-  for (std::size_t i = 0; i < largest_compression.size(); ++i) {
+  for (std::size_t i = 0; i < contacts; ++i) {
     const double e = largest_compression[i];
     if (!(e >= 0.0 && e <= most)) {
       throw InvalidParameter(
           format("start memory: %s was compressed by %.6g m, expected 0 to %.6g m",
                  mechanism.contacts[i].name.c_str(), e, most));
+    }
+  }
+  for (std::size_t k = contacts; k < largest_compression.size(); k += 2) {
+    const double index = largest_compression[k];
+    const auto contact = index >= 0.0 && index < static_cast<double>(contacts)
+                             ? static_cast<std::size_t>(index)
+                             : contacts;
+    const double e = largest_compression[k + 1];
+    if (contact == contacts || !mechanism.contacts[contact].law.has_turns() ||
+        !(e >= 0.0 && e < largest_compression[contact])) {
+      throw InvalidParameter(
+          format("start memory: turning point at %.6g m of contact %.6g; expected a contact whose "
+                 "law has turning points, and 0 to its largest compression",
+                 e, index));
     }
   }
 }
@@ -410,11 +427,13 @@ class Run {
       std::copy(rest.q.begin(), rest.q.end(), y_.begin());
       std::copy(rest.law.begin(), rest.law.end(), laws);
       std::copy(rest.eta.begin(), rest.eta.end(), laws + mechanism_->total_law_states);
-      largest() = rest.largest_compression;
+      system_.dynamics().set_memories(rest.largest_compression);
     } else {
       start.check(*mechanism_, whole_size_);
       y_ = start.y;
-      if (!start.largest_compression.empty()) largest() = start.largest_compression;
+      if (!start.largest_compression.empty()) {
+        system_.dynamics().set_memories(start.largest_compression);
+      }
     }
     system_.set_input(input);
     felt_rate_.assign(remembering_.size(), 0.0);  // at rest
@@ -589,6 +608,47 @@ class Run {
     return felt(contact);
   }
 
+  /// First reversal in the last step of a law with turning points. Loops of the size of the error
+  /// of the integrator are none: there the felt moves along one branch, without a loss.
+  void find_turn(const Integrator& integrator, std::size_t i, Reversal& first) {
+    const std::size_t contact = remembering_[i];
+    Dynamics& dynamics = system_.dynamics();
+    const ContactState& state = dynamics.contacts()[contact];
+    const double end = integrator.time();
+    const double begin = end - integrator.last_step();
+    const double sure_rate = 1e-5 + 5.0 * options_.rtol;  // m/s, as in find_reversal
+    const double noise = 1e-3 * options_.rtol;            // m
+    const double before = felt_rate_[i];
+    if (!state.closed && std::isnan(before)) return;
+    TurningPoints& turns = dynamics.turns(contact);
+    CurveValue after = felt(contact);
+    const double remembered = largest()[contact];
+    const bool rises =
+        turns.size() % 2 == 1 || std::isnan(before) || (turns.empty() && after.force > remembered);
+    felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
+    const double way = rises ? 1.0 : -1.0;
+    if (state.closed && way * after.slope > sure_rate) return;
+    const std::size_t one[] = {contact};
+    const auto back = [&](double t) { return -way * felt_at(integrator, contact, t).slope; };
+    const double last = back(end);
+    const double start = back(begin);
+    if (start < 0.0 && last > 0.0) {
+      const double t = find_root_bracketed(back, begin, start, end, last, 1e-12);
+      const double e = std::max(0.0, felt_at(integrator, contact, t).force);
+      const double from = turns.empty() ? remembered : turns.back().compression;
+      if (way * (e - from) > noise && t < first.time) first = {static_cast<int>(contact), t, e};
+    }
+    system_.locate_only(end, integrator.state(), one);
+  }
+
+  /// A felt that was let go is ready to be pressed from zero.
+  void release(std::size_t contact) {
+    const ContactLaw& law = system_.mechanism().contacts[contact].law;
+    if (!law.has_turns() || system_.dynamics().contacts()[contact].closed) return;
+    TurningPoints& turns = system_.dynamics().turns(contact);
+    if (turns.size() != 1 || turns[0].compression > 0.0) law.turn(0.0, largest()[contact], turns);
+  }
+
   /// First moment in the last step at which a felt turns from virgin loading to unloading: there
   /// its largest compression is fixed, and the right-hand side changes its branch.
   Reversal find_reversal(const Integrator& integrator) {
@@ -618,6 +678,12 @@ class Run {
       const std::size_t contact = remembering_[i];
       const ContactState& state = system_.dynamics().contacts()[contact];
       const double before = felt_rate_[i];
+      if (system_.mechanism().contacts[contact].law.has_turns()) {
+        find_turn(integrator, i, first);
+        if (recovering_) recover(contact, felt(contact).force, h);
+        if (first.contact < 0) release(contact);
+        continue;
+      }
       if (!state.closed && std::isnan(before)) {
         if (recovering_) recover(contact, felt(contact).force, h);
         continue;
@@ -654,12 +720,16 @@ class Run {
     double& remembered = largest()[contact];
     const double before = law.stored_energy(0.0, {state, remembered});
     remembered *= std::exp(-h / time);
+    law.turn(0.0, remembered, system_.dynamics().turns(contact));
     recovered_[contact] += before - law.stored_energy(0.0, {state, remembered});
   }
 
   void restart_at(Integrator& integrator, const Reversal& reversal) {
     integrator.interpolate(reversal.time, y_);
-    largest()[at(reversal.contact)] = reversal.compression;
+    double& remembered = largest()[at(reversal.contact)];
+    mechanism_->contacts[at(reversal.contact)].law.turn(
+        reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
+    remembered = std::max(remembered, reversal.compression);
     integrator.start(reversal.time, state_of(y_), false);
     system_.locate(reversal.time, y_, Detail::kAllContacts);
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
@@ -917,7 +987,7 @@ class Run {
     result_.end.time = integrator.time();
     result_.end.y.assign(whole_size_, 0.0);
     write_whole(result_.reached, y, result_.end.y);
-    result_.end.largest_compression = largest();
+    result_.end.largest_compression = system_.dynamics().memories();
     for (const auto* each : {whole_.get(), apart_.get()}) {
       if (each != nullptr) result_.counts += each->counts();
     }
@@ -1191,7 +1261,7 @@ std::span<const double> Stepper::outputs() {
   if (d.observed) return d.outputs;
   d.run.join_strings();
   MechanismSystem& system = d.run.system();
-  system.dynamics().largest_compression() = d.state.machine.largest_compression;
+  system.dynamics().set_memories(d.state.machine.largest_compression);
   Profile profile = going_on(d.state.drive);
   if (is_prescribed(d.kind)) {
     // The reaction is that of a motion which holds here: errors of a step are not to be corrected.

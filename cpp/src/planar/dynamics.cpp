@@ -40,6 +40,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     twist_.push_back({{}, motion.rho, motion.coordinate, 0});
   }
   largest_.assign(m_->contacts.size(), 0.0);
+  turns_.resize(m_->contacts.size());
   law_.assign(at(m_->total_law_states), 0.0);
   law_rate_ = law_;
   law_states_.resize(m_->contacts.size());
@@ -134,6 +135,27 @@ void Dynamics::load_contact(std::size_t i) {
   state.friction = feltmb::evaluate(contact.friction, state.slip);
 }
 
+std::vector<double> Dynamics::memories() const {
+  std::vector<double> out = largest_;
+  for (std::size_t i = 0; i < turns_.size(); ++i) {
+    for (const TurningPoint& turn : turns_[i]) {
+      out.push_back(static_cast<double>(i));
+      out.push_back(turn.compression);
+    }
+  }
+  return out;
+}
+
+void Dynamics::set_memories(std::span<const double> memories) {
+  const std::size_t n = largest_.size();
+  std::copy_n(memories.begin(), n, largest_.begin());
+  for (TurningPoints& turns : turns_) turns.clear();
+  for (std::size_t k = n; k + 1 < memories.size(); k += 2) {
+    const auto i = static_cast<std::size_t>(memories[k]);
+    m_->contacts[i].law.turn(memories[k + 1], largest_[i], turns_[i]);
+  }
+}
+
 void Dynamics::apply_contacts() {
   for (std::size_t i = 0; i < contacts_.size(); ++i) {
     load_contact(i);
@@ -159,6 +181,7 @@ const ContactState& Dynamics::press(std::size_t i, const Dynamics& at_place,
   std::copy_n(at_place.law_.begin() + contact.first_state, contact.law.n_states(),
               law_.begin() + contact.first_state);
   largest_[i] = at_place.largest_[i];
+  turns_[i] = at_place.turns_[i];
   locate_contact(i, state, drive, Detail::kAllContacts);
   load_contact(i);
   return contacts_[i];

@@ -3,10 +3,18 @@
 #include <algorithm>
 #include <cmath>
 
+#include "feltmb/core/error.hpp"
+
 namespace feltmb {
 
 Trajectory::Trajectory(MechanismSystem& system) : system_(system), width_(system.size()) {
   for (const auto& contact : system.mechanism().contacts) {
+    if (contact.law.has_turns()) {
+      throw InvalidParameter(format(
+          "sensitivity: contact %s has the law %s, whose turning points have no derivatives; use "
+          "the law felt_memory there, or differences between runs",
+          contact.name.c_str(), contact.law.name().c_str()));
+    }
     remembers_ = remembers_ || contact.law.has_memory();
   }
   for (auto& s : slopes_) s.value.resize(width_);

@@ -301,6 +301,10 @@ class ContactLaw:
 
 class LawPath:
     def __init__(self, law: ContactLaw) -> None: ...
+    def energy(self, law: ContactLaw) -> float:
+        """
+        Stored energy [J].
+        """
     def peek(
         self,
         compression: typing.SupportsFloat | typing.SupportsIndex,
@@ -310,6 +314,13 @@ class LawPath:
         Force [N] if the step were taken; the memory stays.
         """
     def reset(self) -> None: ...
+    def restore(
+        self, saved: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex]
+    ) -> None: ...
+    def save(self) -> list[float]:
+        """
+        Compression, largest one, states, turning points, as numbers.
+        """
     def step(
         self,
         compression: typing.SupportsFloat | typing.SupportsIndex,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import click
 
@@ -45,6 +45,7 @@ if TYPE_CHECKING:
         Audit,
         ContactFit,
         FeltEnvelope,
+        FeltLaw,
         Identification,
         LawFit,
         LoopUncertainty,
@@ -120,6 +121,13 @@ class _Written:
 WRITTEN = fields_of("feltmb.cli.felt:_Written")
 
 
+LAW = option(
+    "Law that gets the loop: felt_memory, or felt_return_point for small vibrations.",
+    click.Choice(["felt_memory", "felt_return_point"]),
+    "felt_memory",
+)
+
+
 def _print_envelope(made: FeltEnvelope, sure: LoopUncertainty | None = None) -> None:
     """Print some rows of an envelope, with their standard uncertainties if they are known."""
     import numpy as np
@@ -150,6 +158,7 @@ def envelope_command(
     columns: bool = option(
         "Compute the compression of each column of the felt under the indenter."
     ),
+    law: str = LAW,
     largest: float | None = option(
         "End of the loop [m], such as 2mm; default: compression at v_f_max.", positive("m")
     ),
@@ -172,6 +181,7 @@ def envelope_command(
         largest=largest,
         points=written.points,
     )
+    made = replace(made, law_name=cast("FeltLaw", law))
     say(made.about)
     _print_envelope(made)
     apart = ""
@@ -200,6 +210,7 @@ def contact_command(
         "Loss of a test of loading only, such as 30%; 0: an elastic law.",
         Number(0, 1, max_open=True),
     ),
+    law: str = LAW,
     read: TestFile = TEST,
     written: _Written = WRITTEN,
     *,
@@ -226,6 +237,7 @@ def contact_command(
         thickness0=thickness,
         area=area,
         loss=loss,
+        law=cast("FeltLaw", law),
         **read.reading,
     )
     kes = {} if area is None else found.kawabata(area)
@@ -320,14 +332,17 @@ def _print_contact(found: MeasuredLoop) -> None:
 def _memory(found: MeasuredLoop) -> str:
     """Numbers of the memory with their uncertainty, or why they have none."""
     if "kappa" not in found.memory:
+        rest = " and wiping_out = 0" if found.envelope.law_name == "felt_memory" else ""
         return (
-            "memory: kappa = 0.2 and wiping_out = 0, the defaults of the law: the test does not "
+            f"memory: kappa = 0.2{rest}, the defaults of the law: the test does not "
             "tell better ones, and they have no uncertainty"
         )
     from feltmb.felt.measured import WIPING_OUT
 
     kappa, sd = found.memory["kappa"], found.uncertainty.kappa
     about = f"± {sd:.2g}" if math.isfinite(sd) else "the test does not determine its uncertainty"
+    if found.envelope.law_name != "felt_memory":
+        return f"memory: kappa = {kappa:.4g} ({about})"
     return (
         f"memory: kappa = {kappa:.4g} ({about}), wiping_out = "
         f"{found.memory.get('wiping_out', 0.0):g} (of 0 and {WIPING_OUT}, the one that follows the "

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -46,15 +47,16 @@ ONE_NOTE = (
 
 @declare("list")
 def listing(*, as_json: bool) -> None:
-    """List packaged mechanisms, strokes, felts, laws and accepted units."""
+    """List packaged mechanisms, strokes, felts, hammers, laws and accepted units."""
     from feltmb import params
     from feltmb._core import fiber  # the package of this name imports readers and fits
-    from feltmb.contact import LAWS
+    from feltmb.contact import HAMMERS, LAWS, hammer
     from feltmb.run.stroke import load_stroke, packaged_strokes
     from unmodeled.units import ACCEPTED_UNITS
 
     actions, actuators, felts = (params.texts("about", k) for k in ("", "actuators", "felts"))
     fibers = {law.name: law.title for law in fiber.law_descriptions()}
+    hammers = [*HAMMERS.values(), *(hammer(f"stulov:{n}") for n in (1, 28, 40, 64, 88))]
     strokes = {name: load_stroke(name) for name in packaged_strokes()}
     if as_json:
         print_json(
@@ -65,6 +67,7 @@ def listing(*, as_json: bool) -> None:
                 "strokes": {n: s.as_dict() for n, s in strokes.items()},
                 "laws": LAWS,
                 "felts": felts,
+                "hammers": [asdict(one) for one in hammers],
                 "fiber_laws": fibers,
                 "units": sorted(ACCEPTED_UNITS),
             }
@@ -82,6 +85,15 @@ def listing(*, as_json: bool) -> None:
     show("strokes", "name | input | >largest | >length", rows)
     show("contact laws (contacts.NN.law)", "name | about", LAWS.items())
     show("felts", "name | about", felts.items())
+    show(
+        "hammers (feltmb.contact.hammer; stulov:1 to stulov:88 by key)",
+        "name | >stiffness [N/m^p] | >exponent | >mass [g] | source",
+        [
+            (h.name, f"{h.stiffness:.4g}", f"{h.exponent:g}",
+             "-" if h.mass is None else f"{1e3 * h.mass:g}", h.source)
+            for h in hammers
+        ],
+    )  # fmt: skip
     show("laws of fiber masses", "name | about", fibers.items())
     console().print("units: " + " ".join(sorted(u for u in ACCEPTED_UNITS if u != "1")))
 

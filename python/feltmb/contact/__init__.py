@@ -3,6 +3,7 @@
 ``law(name, **parameters)`` makes a law by its name in mechanism files.
 """
 
+from feltmb.contact.hammers import HAMMERS, Hammer, hammer
 from feltmb.contact.laws import (
     Law,
     law,
@@ -11,7 +12,10 @@ from feltmb.contact.tables import CORE_LAWS, LAWS
 
 __all__ = [
     "CORE_LAWS",
+    "HAMMERS",
     "LAWS",
+    "Hammer",
     "Law",
+    "hammer",
     "law",
 ]

@@ -8,15 +8,23 @@ from __future__ import annotations
 
 import ctypes
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from feltmb import _core
-from feltmb.contact.tables import CORE_LAWS, LAWS, LawInfo, core_envelope
+from feltmb.contact.tables import (
+    CORE_LAWS,
+    LAWS,
+    LawInfo,
+    core_envelope,
+    power_faults,
+    power_stiffness,
+)
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, shown
+from unmodeled.units.quantity import parse_scalar
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -49,7 +57,10 @@ class Law:
 
     @property
     def state(self) -> tuple[float, tuple[float, ...]]:
-        """Largest remembered compression [m], and the states of the law."""
+        """Largest remembered compression [m], and the states of the law.
+
+        Without turning points: ``save`` has all of the memory.
+        """
         return self._path.largest, tuple(self._path.state[: self.core.n_states])
 
     def force(
@@ -104,6 +115,29 @@ class Law:
         """Force [N] that ``step`` would return, without a change of the state."""
         return float(self._path.peek(compression, duration))
 
+    def save(self) -> tuple[float, ...]:
+        """Return the present point and all of the memory as numbers, for :meth:`restore`.
+
+        They are the compression [m], the largest one [m], the states of the law, and the turning
+        points [m] of a law that has them.
+        """
+        return tuple(self._path.save())
+
+    def restore(self, saved: Sequence[float]) -> None:
+        """Return to a point that :meth:`save` gave.
+
+        Raises
+        ------
+        InvalidParameter
+            The numbers are not those of this law.
+        """
+        self._path.restore([float(number) for number in saved])
+
+    @property
+    def energy(self) -> float:
+        """Stored energy at the present point [J]."""
+        return float(self._path.energy(self.core))
+
     def reset(self) -> None:
         """Restore virgin felt."""
         self._path.reset()
@@ -129,7 +163,8 @@ def law(name: str, **parameters: Any) -> Law:
     name
         One of :data:`feltmb.contact.LAWS`, such as ``"felt_memory"`` or ``"hunt_crossley"``.
     **parameters
-        Entries of the law's table in a mechanism file, in SI units: numbers; curves of thesis eq.
+        Entries of the law's table in a mechanism file: numbers in SI units, or texts with a unit
+        such as ``"164000 N/mm^4.3"``; curves of thesis eq.
         4.21 as ``loading=(a, b, c)``; a loop as ``envelope=(compression, loading, unloading)``,
         arrays [m, N, N], or as its two curves. :data:`feltmb.contact.CORE_LAWS` has the fields of
         each law with unit, limits, default and meaning. ``"micromechanical"``: ``felt`` (name, file
@@ -156,6 +191,7 @@ def law(name: str, **parameters: Any) -> Law:
 
 def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
     """Values of a law's fields for the core; all faults are in one message."""
+    given = _in_si(law, given)
     needed, optional = _keys(law, given)
     known = {**needed, **optional}
     unknown = sorted(set(given) - set(known))
@@ -174,6 +210,24 @@ def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
         closing = values.pop("closing_compression", None)
         values["envelope"] = core_envelope(values.pop("loading"), values.pop("unloading"), closing)
     return values
+
+
+def _in_si(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
+    """Texts with a unit as numbers in SI units."""
+    faults = [f"{name}: {text}" for name, text in power_faults(law, given)]
+    units = {f.name: f.unit for f in law.fields if f.kind == "number"}
+    out = dict(given)
+    for name, unit in units.items():
+        if not isinstance(given.get(name), str):
+            continue
+        try:
+            power = unit == "N/m^p"
+            out[name] = power_stiffness(given[name]) if power else parse_scalar(given[name], unit)
+        except ValueError as error:
+            faults.append(f"{name}: {error}")
+    if faults:
+        raise InvalidParameter("\n".join(f"law {law.name!r}: {f}" for f in faults))
+    return out
 
 
 def _keys(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, str], dict[str, str]]:

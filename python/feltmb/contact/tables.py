@@ -6,15 +6,16 @@ limits and default; everything here follows from it.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, Field, create_model
+from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
 
 from feltmb import _core
 from unmodeled.errors import InvalidParameter
-from unmodeled.units import conversion_factor
+from unmodeled.units import conversion_factor, number_and_unit
 from unmodeled.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
 
 __all__ = [
@@ -26,6 +27,8 @@ __all__ = [
     "LawInfo",
     "core_envelope",
     "make_core",
+    "power_faults",
+    "power_stiffness",
     "to_core",
     "with_fields",
     "with_laws",
@@ -82,6 +85,9 @@ class LawInfo:
 
 
 _CURVES = ["loading", "unloading"]
+
+#: Entries of a table that are not fields of a law.
+_OF_TABLE = ("note", "closing_compression")
 
 #: Laws of the core by name.
 CORE_LAWS: dict[str, LawInfo] = {
@@ -149,17 +155,63 @@ class EnvelopeTable(Schema):
         )
 
 
-def _power_stiffness(node: object) -> float:
-    """Stiffness of a power law.
+_POWER_UNIT = re.compile(r"(.*)/(\w+?)(?:\^([\d.]+|p))?")
 
-    Its unit N/m^p depends on the exponent, so that only N and m are scaled.
+
+def _power_unit(node: object) -> str:
+    """Unit of the stiffness of a power law as it is written; empty: none, so SI."""
+    if isinstance(node, Mapping):
+        return str(node.get("unit", ""))
+    found = number_and_unit(node) if isinstance(node, str) else None
+    return found[1] if found else ""
+
+
+def _power_of(unit: str) -> str:
+    """Power of the length in N/mm^4.3: 4.3, p, or 1 without one."""
+    match = _POWER_UNIT.fullmatch(unit.strip())
+    return (match.group(3) or "1") if match else ""
+
+
+def power_stiffness(node: object) -> float:
+    """Stiffness of a power law [N/m^p], such as ``"164000 N/mm^4.3"``.
+
+    ``N/m^p`` stands for SI. In any other unit the power must be a number, that of the law.
+
+    Raises
+    ------
+    ValueError
+        The unit is not that of a force over a power of a length.
     """
-    if isinstance(node, Mapping) and isinstance(node.get("unit"), str):
-        unit = node["unit"]
-        if not unit.startswith("N/m^") and unit != "N/m":
-            raise ValueError(f"got unit {unit!r}, expected 'N/m^p' with the exponent p of the law")
-        return parse_scalar({k: v for k, v in node.items() if k != "unit"}, "1")
-    return parse_scalar(node, "1")
+    unit = _power_unit(node)
+    power = _power_of(unit)
+    if unit and (not power or (power == "p" and unit != "N/m^p")):
+        raise ValueError(
+            f"got unit {unit!r}, expected 'N/m^p', or one such as 'N/mm^4.3' with the exponent of "
+            "the law"
+        )
+    if unit and power != "p":
+        return parse_scalar(node, f"N/m^{power}")
+    if isinstance(node, Mapping):
+        node = {k: v for k, v in node.items() if k != "unit"}
+    return parse_scalar(number_and_unit(node)[0] if isinstance(node, str) and unit else node, "1")
+
+
+def power_faults(law: LawInfo, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Stiffnesses of raw parameters whose unit has another power than their law."""
+    for field, after in zip(law.fields, law.fields[1:], strict=False):
+        power = _power_of(_power_unit(given.get(field.name)))
+        if field.unit != "N/m^p" or power in ("", "p"):
+            continue
+        try:
+            exponent = parse_scalar(given.get(after.name, after.default), "1")
+        except ValueError:
+            continue  # its own fault
+        if abs(float(power) - exponent) > 1e-9:
+            yield (
+                field.name,
+                f"its unit has the power {power} of a length, expected {exponent:g}, that of "
+                f"{after.name}",
+            )
 
 
 _CURVE_FIELD: Any = Annotated[Curve, BeforeValidator(_curve)]
@@ -185,7 +237,7 @@ def _number(field: LawField) -> Any:
     power = field.unit == "N/m^p"
     several = " | " in field.unit
     unit = (
-        BeforeValidator(_power_stiffness)
+        BeforeValidator(power_stiffness)
         if power
         else JointSI(*field.unit.split(" | "))
         if several
@@ -297,12 +349,27 @@ def _choice_fields() -> dict[str, Any]:
             __base__=Schema,
             __module__=__name__,
             __doc__=f"{laws[0].about}." if len(laws) == 1 else f"Options of {names}.",
+            __validators__=_with_power(laws[0]),
             **fields,
         )
         globals()[made.__name__] = made  # needed by pickle
         free = all(value[1] is not ... for value in fields.values())
         entries[table] = (made, made()) if free else (made | None, None)
     return entries
+
+
+def _with_power(law: LawInfo) -> dict[str, Any]:
+    """Validator of a table: units of stiffnesses have the power of the law."""
+    if not any(field.unit == "N/m^p" for field in law.fields):
+        return {}
+
+    def check(node: Any) -> Any:
+        if isinstance(node, Mapping):
+            for name, text in power_faults(law, node):
+                raise ValueError(f"{name}: {text}")
+        return node
+
+    return {"check_power": model_validator(mode="before")(check)}
 
 
 def core_envelope(loading: Any, unloading: Any, closing: float | None) -> _core.Envelope:
@@ -321,6 +388,13 @@ def make_core(name: str, contact: Any) -> _core.ContactLaw:
     law = CORE_LAWS[name]
     table: Any = getattr(contact, law.table) if law.table else None
     values: dict[str, Any] = {}
+    own = {field.name for field in law.fields}
+    for key, entry in ({} if table is None else type(table).model_fields).items():
+        if key not in own and key not in _OF_TABLE and getattr(table, key) != entry.default:
+            raise InvalidParameter(
+                f"{law.table}.{key}: the law {name} has no such option; its options are "
+                f"{', '.join(f.name for f in law.fields if f.kind == 'number')}"
+            )
     for field in law.fields:
         value = getattr(contact if field.in_contact else table, field.name)
         if field.kind == "envelope":

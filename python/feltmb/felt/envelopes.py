@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,7 @@ __all__ = [
     "ConstantArea",
     "CrossedCylinders",
     "FeltEnvelope",
+    "FeltLaw",
     "SphereOnLayer",
     "envelope",
     "load_envelope",
@@ -48,6 +49,9 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
+
+#: Laws with a loop as envelope.
+FeltLaw = Literal["felt_memory", "felt_return_point"]
 
 #: Largest dimensions of a felt under a contact, by unit; larger ones would overflow.
 LIMITS = {"m": (1e-6, 10.0), "m^2": (1e-10, 1.0)}
@@ -117,6 +121,8 @@ class FeltEnvelope:
     """Further numbers of the memory, such as ``kappa``."""
     open_loss: float = math.nan
     """Loss of the branches before they were closed [-]; NaN if it is not known."""
+    law_name: FeltLaw = "felt_memory"
+    """Law that has this envelope: ``felt_return_point`` for small vibrations."""
     made: _core.Envelope | None = field(default=None, repr=False, compare=False)
     """The envelope from which the table was sampled, if there is one."""
 
@@ -145,7 +151,7 @@ class FeltEnvelope:
 
     def law(self, **options: float) -> _core.ContactLaw:
         """Law with memory and this envelope; ``options`` replace numbers of ``memory``."""
-        return _core.ContactLaw("felt_memory", envelope=self.core, **{**self.memory, **options})
+        return _core.ContactLaw(self.law_name, envelope=self.core, **{**self.memory, **options})
 
     def table(self) -> dict[str, Any]:
         """Value of ``contacts.NN.memory.envelope`` in a mechanism file."""
@@ -182,7 +188,7 @@ class FeltEnvelope:
         else:
             doc["extends"] = action
             doc["values"] = {
-                f"contacts.{contact}.law": "felt_memory",
+                f"contacts.{contact}.law": self.law_name,
                 f"contacts.{contact}.memory": entry,
             }
         return tomlkit.dumps(doc)

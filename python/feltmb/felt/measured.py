@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from feltmb.contact import Law
-from feltmb.felt.envelopes import FeltEnvelope
+from feltmb.felt.envelopes import FeltEnvelope, FeltLaw
 from feltmb.felt.loop_uncertainty import (
     SAME_SPEED,
     CycleLoss,
@@ -102,7 +102,7 @@ class MeasuredLoop:
             ``kappa``, ``recovery_time`` and the other numbers of ``memory`` in a mechanism file, in
             place of those that follow the test best.
         """
-        return Law(self.envelope.law(**options), "felt_memory")
+        return Law(self.envelope.law(**options))
 
     @property
     def rms(self) -> float:
@@ -163,6 +163,7 @@ def read_measured_loop(
     specimen: str = "",
     frame: float | str | Path | None = None,
     loss: float | None = None,
+    law: FeltLaw = "felt_memory",
     options: ReadOptions | None = None,
 ) -> MeasuredLoop:
     """Contact law from a file with compression and force of a pair.
@@ -182,7 +183,7 @@ def read_measured_loop(
         Which one of several specimens.
     frame
         Compliance of the frame of the machine [m/N], or the file of a record without a specimen.
-    loss
+    loss, law
         As in :func:`measured_loop`.
     options
         Columns and units of the quantities.
@@ -211,6 +212,7 @@ def read_measured_loop(
             loss=loss,
             points=points,
             name=test.name,
+            law=law,
             by_thickness=test.by_thickness,
         )
     except InvalidParameter as error:
@@ -322,6 +324,7 @@ def measured_loop(
     loss: float | None = None,
     points: int = 193,
     name: str = "loop",
+    law: FeltLaw = "felt_memory",
 ) -> MeasuredLoop:
     """Contact law from a measured loop of displacement and force.
 
@@ -355,6 +358,8 @@ def measured_loop(
         Number of rows of the table, at least 5; the rows are denser at small compression.
     name
         Name of the envelope.
+    law
+        Law that gets the loop and whose transition is fitted.
 
     Raises
     ------
@@ -363,7 +368,7 @@ def measured_loop(
     """
     return _measured_loop(
         displacement, force, time=time, zero=zero, cycle=cycle, loss=loss, points=points,
-        name=name, by_thickness=False,
+        name=name, law=law, by_thickness=False,
     )  # fmt: skip
 
 
@@ -405,6 +410,7 @@ def _measured_loop(
     loss: float | None,
     points: int,
     name: str,
+    law: FeltLaw,
     by_thickness: bool,
 ) -> MeasuredLoop:
     """As :func:`measured_loop`; by thickness, the displacement is minus the thickness."""
@@ -464,6 +470,7 @@ def _measured_loop(
 
     load = curves[0].at(grid)
     made = _envelope(grid, load, curves[1].at(grid), meeting, name)
+    made = replace(made, law_name=law)
     made = replace(made, memory=_memory(made, e, f, branches))
     unsure = offset_error(curves[0]) if offset else 0.0, drift.error if drift else 0.0
     cycles = complete_cycles(
@@ -551,7 +558,7 @@ def _envelope(grid: Array, load: Array, back: Array, meeting: Array, name: str) 
 def _by_law(made: FeltEnvelope, e: Array) -> Array:
     """Force of the law with memory along a test [N]."""
     time = 1e-3 * np.arange(e.size)  # the law does not depend on the rate
-    return Law(made.law(), "felt_memory").path(np.maximum(e, 0.0), time)
+    return Law(made.law()).path(np.maximum(e, 0.0), time)
 
 
 def _rms(made: FeltEnvelope, e: Array, force: Array, branches: Branches) -> float:
@@ -577,7 +584,10 @@ def _memory(made: FeltEnvelope, e: Array, force: Array, branches: Branches) -> d
         return samples * math.log(max(squares, 1e-300)) + len(numbers) * math.log(samples)
 
     options: list[dict[str, float]] = [{}]
-    for wiping in ({}, {"wiping_out": WIPING_OUT}):
+    own: list[dict[str, float]] = [{}]
+    if made.law_name == "felt_memory":  # the other law wipes out whatever was passed
+        own.append({"wiping_out": WIPING_OUT})
+    for wiping in own:
         at = minimize_scalar(
             lambda x, wiping=wiping: criterion({"kappa": math.exp(x), **wiping}),
             bounds=np.log(KAPPA),
@@ -606,7 +616,8 @@ def _unsure_kappa(
     def by_law(value: float, up: Array, down: Array) -> Array:
         load = np.maximum.accumulate(np.maximum(made.loading + up, 0.0))
         other = _envelope(made.compression, load, made.unloading + down, meeting, made.name)
-        return _by_law(replace(other, memory={**made.memory, "kappa": value}), e)
+        own = {**made.memory, "kappa": value}
+        return _by_law(replace(other, law_name=made.law_name, memory=own), e)
 
     rest = force - _by_law(made, e)
     moved = [

@@ -273,11 +273,13 @@ class Machine:
                 f"(hash {str(state.mechanism)[:12]}, expected {self.action.hash[:12]}); if only "
                 "numbers differ: restore(state, same_parts=True)"
             )
-        _, y, memory, _, *drive = self._stepper.state
+        _, y, _, _, *drive = self._stepper.state
+        contacts = len(self.action.mechanism.contact_numbers)
         values = (
             *_numbers("time", [state.time], 1),
             _numbers("y", state.y, len(y)),
-            _numbers("memory", state.memory, len(memory)),
+            # Turning points of laws that have them follow, in pairs.
+            _numbers("memory", state.memory, max(contacts, np.size(state.memory))),
             state.kind,
             *_numbers("drive", state.drive, len(drive)),
         )

@@ -296,7 +296,9 @@ def _start_state(
             f"{', '.join(start.coordinates)}; this mechanism has {size} of "
             f"{', '.join(action.coordinates)}"
         )
-    if memory.size != len(rest_memory := action._equilibrium["largest_compression"]):
+    # Turning points of laws that have them follow, in pairs.
+    rest_memory = action._equilibrium["largest_compression"]
+    if memory.size < len(rest_memory) or (memory.size - len(rest_memory)) % 2:
         raise InvalidParameter(
             f"start: the run ends with {memory.size} remembered compressions, expected one a "
             f"contact of this mechanism ({len(rest_memory)}); without them its felts would forget"

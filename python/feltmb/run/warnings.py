@@ -174,7 +174,7 @@ def _of_felts(action: Action, result: Any) -> list[str]:
     """Felts that were compressed beyond the range of their measurement."""
     out = []
     numbers = action.mechanism.contact_numbers
-    largest = dict(zip(numbers, result.end_largest_compression, strict=True))
+    largest = dict(zip(numbers, result.end_largest_compression, strict=False))
     for key, contact in action.config.contacts.items():
         layer = contact.micromechanical
         if contact.law != "micromechanical" or layer is None or not contact.enabled:

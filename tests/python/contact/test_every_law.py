@@ -54,6 +54,8 @@ LAWS = {
         "felt_memory", **ROW, creep_stiffness=2e5, creep_damping=300.0
     ),
     "felt_memory, rate": lambda: law("felt_memory", **ROW, rate_amplitude=0.2, rate_time=1e-3),
+    "felt_return_point": lambda: law("felt_return_point", **ROW),
+    "felt_return_point, recovery": lambda: law("felt_return_point", **ROW, recovery_time=0.05),
     "hammer": layer("a12_06", 2.9e-3, CrossedCylinders(12.3e-3, 0.495e-3)),
     "hammer, columns": layer(
         "a12_06", 2.9e-3, CrossedCylinders(12.3e-3, 0.495e-3), compression="columns"
@@ -72,6 +74,7 @@ RATE_INDEPENDENT = [
     "felt_memory",
     "felt_memory, wiping",
     "felt_memory, wiping far",
+    "felt_return_point",
     "hammer",
     "hammer, columns",
     "layer",

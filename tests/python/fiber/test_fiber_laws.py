@@ -480,7 +480,7 @@ def test_stulov_integral_form():
     f0, p, eps, tau = 1e9, 2.5, 0.6, 3e-4
     t = np.linspace(0, 2e-3, 4001)
     u = 1e-3 * np.sin(math.pi * t / 2e-3)
-    force = history("stulov", t, u, F0=f0, p=p, epsilon=eps, tau0=tau)
+    force = history("stulov", t, u, stiffness=f0, exponent=p, amplitude=eps, time=tau)
     for i in (500, 1500, 2500):
         memory = integrate.quad(
             lambda x, ti=t[i]: (
@@ -500,9 +500,15 @@ def test_stulov_slow_limit():
     t = np.linspace(0, 1e-3, 20001)
     u = 1e-3 * np.sin(math.pi * t / 1e-3)
     rate = math.pi * np.cos(math.pi * t / 1e-3)
-    full = history("stulov", t, u, F0=f0, p=p, epsilon=eps, tau0=tau)
+    full = history("stulov", t, u, stiffness=f0, exponent=p, amplitude=eps, time=tau)
     slow = history(
-        "stulov_differential", t, u, rate=rate, F0=f0 * (1 - eps), p=p, alpha=eps * tau / (1 - eps)
+        "stulov_differential",
+        t,
+        u,
+        rate=rate,
+        stiffness=f0 * (1 - eps),
+        exponent=p,
+        time=eps * tau / (1 - eps),
     )
     assert full == pytest.approx(slow, abs=1e-4 * slow.max())
 
@@ -511,13 +517,31 @@ def test_impact_laws():
     t = np.linspace(0, 1e-3, 2001)
     u = 1e-3 * np.sin(math.pi * t / 1e-3)
     rate = math.pi * np.cos(math.pi * t / 1e-3)
-    k = history("hunt_crossley", t, u, rate=rate, K=1e8, n=2.0, alpha=0.1)
+    k = history("hunt_crossley", t, u, rate=rate, stiffness=1e8, exponent=2.0, damping=0.1)
     inside = np.maximum(u, 0)
     assert k == pytest.approx(np.maximum(0, 1e8 * inside**2 * (1 + 0.1 * rate)))
-    n = history("lankarani_nikravesh", t, u, rate=rate, K=1e8, n=1.5, e=0.7, impact_speed=math.pi)
+    n = history(
+        "lankarani_nikravesh",
+        t,
+        u,
+        rate=rate,
+        stiffness=1e8,
+        exponent=1.5,
+        restitution=0.7,
+        impact_speed=math.pi,
+    )
     expected = 1e8 * inside**1.5 * (1 + 0.75 * (1 - 0.49) * rate / math.pi)
     assert n == pytest.approx(np.maximum(0, expected))
-    e1 = history("lankarani_nikravesh", t, u, rate=rate, K=1e8, n=1.5, e=1.0, impact_speed=1.0)
+    e1 = history(
+        "lankarani_nikravesh",
+        t,
+        u,
+        rate=rate,
+        stiffness=1e8,
+        exponent=1.5,
+        restitution=1.0,
+        impact_speed=1.0,
+    )
     assert integrate.trapezoid(e1, u) == pytest.approx(0, abs=1e-6)
 
 
@@ -546,12 +570,14 @@ def test_dunlop_loops_dissipate(turns):
         (lambda: history("dunlop", [0, 1], [0, 0.95], **SPRING, **UNITS), ["0.95"]),
         (lambda: history("dunlop", [0, 1], [0, 0.1], f_c=[1, 2], phi=[0.1] * 3, **SPRING), ["phi"]),
         (
-            lambda: history("stulov", [0, 0], [0, 1], F0=1, p=1, epsilon=0, tau0=1, rate=[0, 0]),
+            lambda: history(
+                "stulov", [0, 0], [0, 1], stiffness=1, exponent=1, amplitude=0, time=1, rate=[0, 0]
+            ),
             ["time[1]"],
         ),
         (
-            lambda: history("stulov", [0, 1], [0, 1], F0=-1, p=1, epsilon=2),
-            ["F0", "epsilon", "tau0"],
+            lambda: history("stulov", [0, 1], [0, 1], stiffness=-1, exponent=1, amplitude=2),
+            ["stiffness", "amplitude", "time"],
         ),
         (lambda: history("stulov", [0, 1, 2], [0, 1]), ["shape"]),
     ],

@@ -907,7 +907,7 @@ CALLS = {
         "compression": V,
         "rate": None,
         "spring": "van_wyk",
-        "params": {"F0": 1e9, "p": 2.5, "epsilon": 0.9, "tau0": 1e-3},
+        "params": {"stiffness": 1e9, "exponent": 2.5, "amplitude": 0.9, "time": 1e-3},
     },
     "feltmb.fiber.law": lambda: {"model": "van_wyk", "params": wyk()},
     "feltmb.fiber.lay": lambda: {"box": BOX, "threads": 1},

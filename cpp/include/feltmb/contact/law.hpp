@@ -46,6 +46,12 @@ class ContactLaw {
   /// Time constant with which an open contact forgets its largest compression [s]; 0: it does not.
   double recovery_time() const { return recovery_time_; }
 
+  /// Whether the law remembers its turning points.
+  bool has_turns() const { return has_turns_; }
+
+  /// Adds a turning point at a compression [m] below `largest` to those of a law that has them.
+  void turn(double compression, double largest, TurningPoints& turns) const;
+
   /// Updates the cycle of a law with memory to `largest` [m].
   void keep_cycle(double largest, CycleStart& cycle) const {
     if (envelope_ == nullptr || (cycle.largest == largest && cycle.of == envelope_)) return;
@@ -92,6 +98,7 @@ class ContactLaw {
   double recovery_time_ = 0.0;
   std::size_t n_states_ = 0;
   bool has_memory_ = false;
+  bool has_turns_ = false;
   bool still_when_open_ = true;
 };
 

@@ -29,11 +29,16 @@ class LawPath {
   double compression() const { return at_.compression; }
   double largest() const { return at_.largest; }
   const std::array<double, kMaxLawStates>& state() const { return at_.state; }
+  LawMemory memory() const { return {at_.state.data(), at_.largest, nullptr, &at_.turns}; }
+
+  /// Numbers from which `restore` makes the same point: compression, largest compression, states,
+  /// turning points.
+  std::vector<double> save() const;
+  void restore(std::span<const double> saved);  ///< Throws InvalidParameter.
 
  private:
   void move(double compression, double duration);
   void move_by_substeps(double compression, double duration);
-  LawMemory memory() const { return {at_.state.data(), at_.largest}; }
 
   const ContactLaw* law_;
   PathPoint at_;

@@ -42,12 +42,13 @@ class HistoryLaw {
 ///   are
 ///           E_i x^p_i and relaxation times tau_i [s]: E, p, tau lists (one branch: the
 ///           three-component model).
-///   stulov  eq. 2.11, F0 [N/m^p], p, epsilon in [0, 1), tau0 [s]: F = F0 (x^p - epsilon g),
-///           tau0 dg/dt = x^p - g.
-///   stulov_differential  eq. 2.12, F0 [N/m^p] static, p, alpha [s]: F = F0 (x^p + alpha
-///   d(x^p)/dt). hunt_crossley        K [N/m^n], n, alpha [s/m]: F = K x^n (1 + alpha dx/dt).
-///   lankarani_nikravesh  K, n, restitution e in [0, 1], impact_speed [m/s]:
-///                        F = K x^n (1 + 3 (1 - e^2)/4 (dx/dt)/impact_speed); good for e near 1.
+///   stulov  eq. 2.11, stiffness F0 [N/m^p], exponent p, amplitude in [0, 1), time tau0 [s]:
+///           F = F0 (x^p - amplitude g), tau0 dg/dt = x^p - g.
+///   stulov_differential  eq. 2.12, static stiffness F0 [N/m^p], exponent p, time alpha [s]:
+///           F = F0 (x^p + alpha d(x^p)/dt).
+///   hunt_crossley  stiffness K [N/m^p], exponent n, damping d [s/m]: F = K x^n (1 + d dx/dt).
+///   lankarani_nikravesh  stiffness, exponent, restitution e in [0, 1], impact_speed [m/s]:
+///           F = K x^n (1 + 3 (1 - e^2)/4 (dx/dt)/impact_speed); good for e near 1.
 const std::vector<LawDescription>& history_descriptions();
 
 /// A history law in its virgin state.

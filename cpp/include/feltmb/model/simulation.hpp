@@ -73,9 +73,10 @@ struct SimulationOptions {
 
 /// Complete state from which a run can continue.
 struct SimulationState {
-  double time = 0.0;                        ///< [s] on the clock of the run that ended
-  std::vector<double> y;                    ///< see MechanismSystem
-  std::vector<double> largest_compression;  ///< remembered by each contact [m]; empty: nothing
+  double time = 0.0;      ///< [s] on the clock of the run that ended
+  std::vector<double> y;  ///< see MechanismSystem
+  /// Remembered by each contact [m], then turning points (Dynamics::memories); empty: nothing.
+  std::vector<double> largest_compression;
 
   /// Throws InvalidParameter unless this is a possible state of `mechanism` with `size` values.
   void check(const Mechanism& mechanism, std::size_t size) const;

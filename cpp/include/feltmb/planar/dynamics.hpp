@@ -162,6 +162,14 @@ class Dynamics {
   std::vector<double>& largest_compression() { return largest_; }
   const std::vector<double>& largest_compression() const { return largest_; }
 
+  /// Turning points of a contact's law, if it has them; constant while evaluating.
+  TurningPoints& turns(std::size_t contact) { return turns_[contact]; }
+
+  /// All of the memory between reversals as numbers: the largest compressions by contact, then
+  /// pairs of the index of a contact and a turning point [m] of its law.
+  std::vector<double> memories() const;
+  void set_memories(std::span<const double> memories);
+
   /// States of a contact's law at the last state given, if it has any.
   const LawStates& law_states(std::size_t contact) const { return law_states_[contact]; }
 
@@ -170,7 +178,8 @@ class Dynamics {
 
   /// Memory of a contact's law at the last state given.
   LawMemory memory(std::size_t contact) const {
-    return {law_.data() + m_->contacts[contact].first_state, largest_[contact], &cycles_[contact]};
+    return {law_.data() + m_->contacts[contact].first_state, largest_[contact], &cycles_[contact],
+            &turns_[contact]};
   }
 
   /// Exact derivatives at the state of the last `evaluate`, with the law slopes left out of
@@ -354,6 +363,7 @@ class Dynamics {
   bool static_laws_ = false;
   bool strings_apart_ = false;
   std::vector<double> largest_;
+  std::vector<TurningPoints> turns_;
   std::vector<double> law_;
   std::vector<double> law_rate_;
   std::vector<LawStates> law_states_;      ///< by contact

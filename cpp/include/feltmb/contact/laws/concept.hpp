@@ -29,6 +29,8 @@
 ///   kRemembers                   true
 ///   recovery_time                a member: of this memory while open [s], 0: none
 ///   cycle_envelope()             whose cycle is kept between reversals
+///   turn(e, largest, turns)      adds a turning point below the largest compression, of a law that
+///                                remembers all of them; what it wipes out goes
 ///   inner_compression(e, memory), inner_rate(e, rate, memory)  what the memory is of, if another
 ///                                part of the law lies in series
 #pragma once
@@ -39,6 +41,7 @@
 #include <limits>
 #include <string>
 #include <tuple>
+#include <vector>
 
 #include "feltmb/contact/curve.hpp"
 #include "feltmb/contact/envelope.hpp"
@@ -66,6 +69,16 @@ struct LawStates {
   std::array<std::array<double, kMaxLawStates>, kMaxLawStates> rate_by_state{};
 };
 
+/// A turning point of a law with return-point memory.
+struct TurningPoint {
+  double compression = 0.0;  ///< [m]
+  double apart = 0.0;        ///< how far it is from e_m, as the law measures it
+  double value = 0.0;        ///< of what hysteresis the law has, there
+  double below = 0.0;        ///< stored energy of the hysteresis there, of a lower one [J]
+};
+/// From the outermost to the last: lower and upper ones in turn, each pair within the one before.
+using TurningPoints = std::vector<TurningPoint>;
+
 /// Memory of a law: integrated states, and the largest compression, which changes only at
 /// reversals (and by recovery) and is constant in between.
 struct LawMemory {
@@ -73,6 +86,7 @@ struct LawMemory {
   double largest = 0.0;           ///< e_m [m]
   /// Properties of the cycle to e_m; they are used if they belong to this e_m, else computed again.
   const CycleStart* cycle = nullptr;
+  const TurningPoints* turns = nullptr;  ///< of a law that has them
 };
 
 /// Present point of a law in a prescribed history (path.hpp).
@@ -80,6 +94,7 @@ struct PathPoint {
   double compression = 0.0;  ///< [m]
   double largest = 0.0;      ///< [m]
   std::array<double, kMaxLawStates> state{};
+  TurningPoints turns;
 };
 
 /// A state of a law.

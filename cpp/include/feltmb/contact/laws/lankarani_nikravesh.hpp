@@ -25,7 +25,7 @@ struct LankaraniNikravesh {
         number("stiffness", &L::stiffness, "N/m^p", above(0.0), "K"),
         number("exponent", &L::exponent, "1", at_least(1.0), "n; 3/2: Hertz"),
         number("restitution", &L::restitution, "1", up_to(at_least(0.0), 1.0),
-               "r, speed after the impact over that before it"),
+               "r; the impact gives more: 0.725 for 0.5, 0.80 for 0.7, 0.91 for 0.9"),
         number("impact_speed", &L::impact_speed, "m/s", above(0.0), "v, at which r is meant")};
   }
 

@@ -8,6 +8,7 @@
 #include "feltmb/contact/laws/exponential_pair.hpp"
 #include "feltmb/contact/laws/expression.hpp"
 #include "feltmb/contact/laws/felt_memory.hpp"
+#include "feltmb/contact/laws/felt_return_point.hpp"
 #include "feltmb/contact/laws/hunt_crossley.hpp"
 #include "feltmb/contact/laws/kelvin_voigt.hpp"
 #include "feltmb/contact/laws/lankarani_nikravesh.hpp"
@@ -29,6 +30,7 @@ using LawParameters = std::variant<  //
     Maxwell,                         //
     Dunlop,                          //
     FeltMemory,                      //
+    FeltReturnPoint,                 //
     Expression,                      //
     Callback>;
 

@@ -23,7 +23,7 @@ struct Stulov {
     return std::tuple{number("stiffness", &L::stiffness, "N/m^p", above(0.0), "F0, instantaneous"),
                       number("exponent", &L::exponent, "1", at_least(1.0), "p"),
                       number("amplitude", &L::amplitude, "1", below(at_least(0.0), 1.0),
-                             "amplitude of the hysteresis"),
+                             "epsilon, amplitude of the hysteresis"),
                       number("time", &L::time, "s", above(0.0), "tau0")};
   }
 
