@@ -201,6 +201,59 @@ def test_both_integrators_agree(extension):
                     assert (np.abs(a - b) / size).max(initial=0.0) < 1e-12
 
 
+KNOTS = np.linspace(-1.0, 1.0, 9)
+
+
+def every_operation(t, x, u, p):
+    """Rates with each operation of a tape; a branch that is not taken divides by zero."""
+    q, v = x.q, x.v
+    small = np.sin(q) + np.cos(v) * np.tan(0.1 * q) + np.tanh(v) + np.arctan(q) + np.sinh(0.1 * q)
+    small = small + np.exp(-q * q) + np.expm1(-v * v) + np.log1p(q * q) + np.log(2.0 + q * q)
+    small = small + np.arcsin(0.5 * np.tanh(q)) - np.arccos(0.5 * np.tanh(v)) + np.cosh(0.1 * v)
+    small = small + np.arctan2(q, 1.0 + v * v) + np.sqrt(1.0 + abs(v)) + np.sign(v) * 0.1
+    small = small + np.minimum(q, v) - np.maximum(q, 0.1) + np.floor(9.0 * q) * 0.01 + 0.1 * (q < v)
+    small = small + np.where(q <= v, 0.1, -0.1) + (1.0 + q * q) ** (0.5 + 0.1 * u.f) * 0.1
+    small = small + np.interp(q, KNOTS, KNOTS**3) + np.where(np.equal(q, 0.0), 1.0, u.f / q) * 1e-3
+    return v, (u.f - p.k * q - p.d * v + 0.1 * small) / p.m
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_plain_numbers_give_what_arrays_give(monkeypatch, count):
+    monkeypatch.setattr(compiled, "library", lambda: None)
+    model = make_model(every_operation, substeps=2)
+    requests = [request_of(model, make_record(TIME[: 121 - 30 * k])) for k in range(count)]
+    called = []
+
+    def counted(*given, own=step.marched):
+        called.append(own(*given))
+        return called[-1]
+
+    monkeypatch.setattr(step, "marched", counted)
+    plain = model.sensitivities(requests)
+    assert called
+    assert all(path is not None for path in called)
+    monkeypatch.setattr(step, "MOST", 0)
+    arrays = make_model(every_operation, substeps=2).sensitivities(requests)
+    for a, b in zip(plain, arrays, strict=True):
+        np.testing.assert_allclose(a.outputs, b.outputs, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(a.d_theta, b.d_theta, rtol=1e-10, atol=1e-12)
+
+
+def test_what_is_no_number_is_that_of_arrays(monkeypatch):
+    """The root of a negative number: an exception of plain numbers, NaN from there on in arrays."""
+    monkeypatch.setattr(compiled, "library", lambda: None)
+
+    def rates(t, x, u, p):
+        return x.v, (u.f - p.k * x.q - p.d * x.v * np.sqrt(0.05 - x.v)) / p.m
+
+    requests = [request_of(make_model(rates), make_record())]
+    (plain,) = make_model(rates).sensitivities(requests)
+    monkeypatch.setattr(step, "MOST", 0)
+    (arrays,) = make_model(rates).sensitivities(requests)
+    assert np.isnan(plain.outputs).any()
+    assert plain.outputs.tobytes() == arrays.outputs.tobytes()
+
+
 def test_equal_calls_give_equal_bytes(backend):
     model = make_model()
     effect = library.hysteresis(MASS, scale=0.3, travel=0.02)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -56,6 +56,8 @@ class Program:
     """Sizes of groups of states; each depends on itself and on the first group only."""
     plan: Any = None
     """The same as the extension reads it."""
+    marches: dict[int, Any] = field(default_factory=dict)
+    """The same as generated functions, by method."""
 
 
 class _Assembly:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from unmodeled.data import Array
 from unmodeled.fit import compiled
 from unmodeled.fit.program import Program
+from unmodeled.fit.scalar import MOST, marched
 from unmodeled.fit.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
 
 __all__ = ["METHODS", "Lanes", "Method", "Runs", "in_numpy", "plain", "run"]
@@ -108,9 +109,7 @@ def in_numpy(program: Program, method: Method, substeps: int, lanes: Lanes) -> R
     """
     count, smooth, columns = len(lanes.track), program.smooth, program.columns
     clock = _Clock(lanes)
-    values = _Interpreter(program, lanes.constants, values_only=True)
-    blocks = program.blocks if method.gamma else ()
-    path = _marched(clock, values.rates, values.slopes, blocks, method, substeps, lanes.starts)
+    path = _path(program, method, substeps, lanes, clock)
     y = np.empty((clock.longest, len(program.output), count))
     dy = np.empty((clock.longest, len(program.output), columns, count))
     s = np.repeat(lanes.seeds[:, :, None], count, axis=2)
@@ -127,6 +126,19 @@ def in_numpy(program: Program, method: Method, substeps: int, lanes: Lanes) -> R
             s = np.einsum("ikl,kcl->icl", by_state, s) + rest
         dy[j] = part.shown(before)
     return clock.runs(lanes, y, dy, path[:, 0, 0])
+
+
+def _path(program: Program, method: Method, substeps: int, lanes: Lanes, clock: _Clock) -> Array:
+    """States at all stages, (samples, substeps, stages, states, lanes)."""
+    if len(lanes.track) <= MOST and not method.gamma:
+        times, signals = ([of[r] for r in lanes.track] for of in (lanes.times, lanes.signals))
+        rates = _needed(program.rates, program.rate.tolist())
+        given = rates, method, substeps, times, signals, lanes.constants, lanes.starts
+        if (found := marched(program, *given)) is not None:
+            return np.stack([clock.longer(path) for path in found], axis=-1)
+    values = _Interpreter(program, lanes.constants, values_only=True)
+    blocks = program.blocks if method.gamma else ()
+    return _marched(clock, values.rates, values.slopes, blocks, method, substeps, lanes.starts)
 
 
 def plain(
@@ -366,14 +378,15 @@ class _Clock:
     def __init__(self, lanes: Lanes):
         self.longest = max(len(lanes.times[r]) for r in lanes.track)
 
-        def longer(values: Array) -> Array:
-            at = np.minimum(np.arange(self.longest), len(values) - 1)
-            return np.asarray(values[at])
-
-        self.time = np.stack([longer(t) for t in lanes.times], axis=-1)[:, lanes.track]
+        self.time = np.stack([self.longer(t) for t in lanes.times], axis=-1)[:, lanes.track]
         """(longest, lanes)"""
-        self.signals = np.stack([longer(s) for s in lanes.signals], axis=-1)[..., lanes.track]
+        self.signals = np.stack([self.longer(s) for s in lanes.signals], axis=-1)[..., lanes.track]
         """(longest, halves, signals, lanes)"""
+
+    def longer(self, values: Array) -> Array:
+        """Values at all samples; those of the end after it."""
+        at = np.minimum(np.arange(self.longest), len(values) - 1)
+        return np.asarray(values[at])
 
     def runs(self, lanes: Lanes, *found: Array) -> Runs:
         """Outputs, derivatives and states, with the lanes as the last axis, by lane."""
