@@ -11,8 +11,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from unmodeled.loading import LoadedModel
 
-__all__ = ["load", "names", "settings"]
-
 
 def load(
     name: str,

@@ -16,13 +16,6 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.units import split_quantity, unit_suffix
 from unmodeled.units.quantity import is_quantity
 
-__all__ = [
-    "action_of_findings",
-    "action_with_effects",
-    "bodies_at",
-    "points_at",
-]
-
 
 @checked
 def action_with_effects(action: Action, entries: Chosen) -> Action:

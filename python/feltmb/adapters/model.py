@@ -53,16 +53,6 @@ from unmodeled.fit import (
     State,
 )
 
-__all__ = [
-    "SETTINGS",
-    "STROKES",
-    "MechanismModel",
-    "mechanism_model",
-    "model_of",
-    "planned_strokes",
-    "resolve",
-]
-
 #: Magnitudes of no effects.
 NONE = np.zeros(0)
 #: Longest record [s]; the simulation of a wrong clock would take minutes.

@@ -13,8 +13,6 @@ from unmodeled.errors import Error, InvalidParameter
 from unmodeled.experiment import Belief, plan
 from unmodeled.fit import Effect
 
-__all__ = ["Abandoned", "propose"]
-
 #: Packaged strokes that a person can play.
 CANDIDATES = ("forte", "piano", "staccato", "press_release", "repeated")
 #: Number of records that the plan uses, for an answer within seconds, and of proposed strokes.

@@ -24,8 +24,6 @@ from feltmb.run.stroke import (
 from unmodeled.errors import Error, InvalidParameter, printable
 from unmodeled.units.quantity import shortened
 
-__all__ = ["LONGEST", "Asked", "Playing", "Turned", "fault_of"]
-
 _LOG = logging.getLogger(__name__)
 
 #: Largest numbers of knots of a drawn stroke, of changed controls, and of shown outputs.

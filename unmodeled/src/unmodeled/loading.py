@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from unmodeled.data.mapping import Signals
     from unmodeled.fit import Effect, Model
 
-__all__ = ["GROUP", "MJCF", "Extension", "LoadedModel", "extensions", "load_model"]
-
 #: Endings of files of MuJoCo models.
 MJCF = (".xml", ".mjcf", ".urdf")
 #: Group of the entry points of extensions.

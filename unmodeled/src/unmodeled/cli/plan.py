@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from unmodeled.data import ReadOptions
     from unmodeled.experiment import Belief, Plan, Visible
 
-__all__ = ["plan"]
-
 #: Largest numbers of causes, and of helpful tests, that are listed.
 MOST_CAUSES, MOST_TESTS = 12, 5
 #: Smallest probability of a cause that is listed, as a share of the largest.

@@ -47,8 +47,6 @@ from unmodeled.search.records import as_parameter, causes_of, problem_of, ready_
 from unmodeled.search.result import Result
 from unmodeled.search.variation import varies, with_variation
 
-__all__ = ["Aim", "Belief", "Information", "Knowledge", "Study"]
-
 Aim = Literal["names", "sizes"]
 
 #: Magnitudes of a cause that are assumed before there are data [scales].

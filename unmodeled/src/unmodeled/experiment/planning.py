@@ -23,8 +23,6 @@ from unmodeled.fit.model import Effect, Model
 from unmodeled.search.records import ready_records
 from unmodeled.search.result import plain
 
-__all__ = ["Plan", "PlannedRecord", "SinglePartTest", "Visible", "plan"]
-
 #: Largest number of helpful tests.
 TESTS = 8
 #: Smallest decrease of the probability of confusion, and smallest gain by a test, that are shown.
