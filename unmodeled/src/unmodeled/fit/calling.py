@@ -29,15 +29,6 @@ import numpy as np
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
 
-__all__ = [
-    "Latest",
-    "Run",
-    "Runner",
-    "calling",
-    "cores",
-    "explained",
-]
-
 
 class calling:
     """Turn an exception in the block into one message: ``with calling("model arm: its rates"):``.

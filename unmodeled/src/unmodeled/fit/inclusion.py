@@ -24,8 +24,6 @@ from unmodeled.fit.model import (
     State,
 )
 
-__all__ = ["Including", "including"]
-
 
 @checked
 def including(

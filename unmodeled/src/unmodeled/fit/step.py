@@ -14,8 +14,6 @@ from unmodeled.fit import compiled
 from unmodeled.fit.program import Program
 from unmodeled.fit.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
 
-__all__ = ["METHODS", "Lanes", "Method", "Runs", "in_numpy", "plain", "run"]
-
 
 @dataclass(frozen=True, eq=False)
 class Method:
