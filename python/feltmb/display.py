@@ -11,8 +11,6 @@ from unmodeled.lazy import lazy_import
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["html_table", "picture", "short_number"]
-
 
 def short_number(value: object) -> str:
     """Number with four digits; a text is unchanged."""

@@ -6,8 +6,6 @@ from typing import Any
 
 from unmodeled.errors import Error
 
-__all__ = ["IntegrationError"]
-
 
 class IntegrationError(Error):
     """The solver stopped early, or its result is unreliable.

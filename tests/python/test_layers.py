@@ -415,3 +415,22 @@ def test_other_text_passes(tmp_path, text):
     file = tmp_path / "a.md"
     file.write_text(text)
     assert list(text_faults(file, tmp_path)) == []
+
+
+def test_only_packages_and_documented_modules_list_public_names():
+    """What other modules list is for nobody; the pages and the reference say what is public."""
+    pages = [ROOT / "README.md", ROOT / "tools" / "reference" / "python_api.py"]
+    facade = (ROOT / "python" / "feltmb" / "__init__.py").read_text(encoding="utf-8")
+    attributes = set(re.findall(r'"\w+": "([\w.]+)",', facade))
+    for folder in ("docs", "examples", "unmodeled/examples"):
+        pages += [p for end in ("md", "ipynb", "py") for p in (ROOT / folder).rglob(f"*.{end}")]
+    text = "\n".join(p.read_text(encoding="utf-8") for p in pages)
+    listing = [
+        ".".join(p.relative_to(source).with_suffix("").parts)
+        for source in (ROOT / "python", ROOT / "unmodeled" / "src")
+        for p in source.rglob("*.py")
+        if p.name != "__init__.py" and "\n__all__ = " in p.read_text(encoding="utf-8")
+    ]
+    assert listing
+    unknown = [name for name in listing if not re.search(rf"\b{re.escape(name)}\b", text)]
+    assert {name.removeprefix("feltmb.") for name in unknown} <= attributes  # feltmb.animate, ...

@@ -1,4 +1,4 @@
-"""Plan an experiment, make it, diagnose, and repeat until a cause is named.
+"""Choose the most informative of some records, make it, diagnose, until a cause is named.
 
 The rig is simulated: an oscillator whose guide rubs dry, which the model lacks. Replace `measure`
 by a function that plays `planned.inputs` on a machine and returns the record.
@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from unmodeled import Effect, Equations, Parameter, Record, State, diagnose
-from unmodeled.experiment import Belief, InputLimits, Limits, design
+from unmodeled import Effect, Equations, Parameter, Record, Sensor, State, diagnose
+from unmodeled.experiment import Belief, plan
 from unmodeled.fit.authoring import Candidate
 from unmodeled.fit.observe import observe
 
@@ -34,10 +34,21 @@ CUBIC = Effect(
     rate=lambda t, x, u, p, size, shape: {"v": -size * x.q**3 / p.m},
 )  # fmt: skip
 SIGMA = 2e-3  # m, a poor camera
-limits = Limits(
-    inputs={"f": InputLimits(least=-1.0, most=1.0, unit="N")}, duration=2.0, sample_rate=250.0,
-    sensors={"q": SIGMA},
-)  # fmt: skip
+TIME = np.arange(1000) / 250.0
+#: What the motor can play: forces [N].
+FORCES = {
+    "slow sine": np.sin(2 * np.pi * TIME),
+    "sweep": np.sin(2 * np.pi * (0.5 + 0.375 * TIME) * TIME),
+    "small steps": np.where(TIME < 2.0, 0.1, -0.1),
+    "large steps": np.where(TIME < 2.0, 1.0, -0.4),
+}
+proposed = [
+    Record(
+        name=name, time=TIME, inputs={"f": f}, outputs={"q": 0.0 * TIME},
+        sensors={"q": Sensor(name="q", unit="m", sigma=SIGMA)},
+    )
+    for name, f in FORCES.items()
+]  # fmt: skip
 
 
 def measure(planned: Record, number: int) -> Record:
@@ -51,15 +62,11 @@ def measure(planned: Record, number: int) -> Record:
 records: list[Record] = []
 belief = None
 for number in range(1, 7):
-    plan = design(model, [DRY, CUBIC], records, limits=limits, budget=1, belief=belief)
-    if not plan.experiments:
-        print("No experiment within the limits tells more.")
-        break
-    best = plan.experiments[0]
+    best = plan(model, [DRY, CUBIC], proposed, records, belief=belief).records[0]
     records.append(measure(best.record, number))
     report = diagnose(model, [DRY, CUBIC], records, hold_out=[])
     belief = Belief.of_report(report)
-    print(f"{best.name}: {report.verdict.value}")
+    print(f"{best.record.name}: {report.verdict.value}")
     if report.named:
         print(f"{report.named[0].cause}: {report.named[0].magnitude:.3f} {report.named[0].unit}")
         break

@@ -26,16 +26,6 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
     from feltmb.run.stroke import Stroke
 
-__all__ = [
-    "REASONS",
-    "Repeated",
-    "Repetition",
-    "highest_rate",
-    "key_travel",
-    "repeat",
-    "with_finger",
-]
-
 #: Largest force of a soft and a firm finger [N]; share of the key travel that the key returns.
 FORCES, RETURNS = (4.0, 10.0), (1.0, 0.75, 0.5)
 #: Force that lifts the finger [N], its mass at the tip [kg], time in which its force changes [s].

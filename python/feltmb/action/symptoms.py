@@ -21,8 +21,6 @@ from unmodeled.errors import InvalidParameter, shown
 from unmodeled.files import read_json, read_toml
 from unmodeled.units.quantity import Schema, validated
 
-__all__ = ["Cause", "Symptom", "load_symptoms", "packaged_wear", "symptom"]
-
 #: Deviation that one expects to meet, by kind of change; of others: the tested change.
 EXPECTED = {"thinner": 3e-4, "harder": 0.2, "friction": 1.0, "spring": 0.2}
 #: Causes with a smaller share are not told [1].

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["NUMBERS", "WEAR_NUMBERS", "Variant", "Wear", "measure", "variants", "wear"]
-
 GRAM = 9.80665e-3  # N, weight of one gram
 
 #: Number -> text, unit for people, its size in SI units.

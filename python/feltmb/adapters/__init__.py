@@ -7,26 +7,21 @@ and
 
 from feltmb.adapters.changes import Entry
 from feltmb.adapters.effects import effect_of
-from feltmb.adapters.findings import action_with_effects, write_planned_stroke
+from feltmb.adapters.findings import action_with_effects
 from feltmb.adapters.library import Library, load_library
 from feltmb.adapters.model import (
-    STROKE_KINDS,
     MechanismModel,
-    finger_limits,
     mechanism_model,
     planned_strokes,
 )
 
 __all__ = [
-    "STROKE_KINDS",
     "Entry",
     "Library",
     "MechanismModel",
     "action_with_effects",
     "effect_of",
-    "finger_limits",
     "load_library",
     "mechanism_model",
     "planned_strokes",
-    "write_planned_stroke",
 ]

@@ -35,8 +35,6 @@ from unmodeled.errors import Error
 from unmodeled.fit import Candidate, Sensitivity, SensitivityRequest
 from unmodeled.fit.calling import Latest
 
-__all__ = ["Derivatives", "added_states", "forward_sensitivities"]
-
 #: Number of points whose derivatives are cached: a score needs more derivatives at the end of a
 #: fit.
 POINTS = 8

@@ -23,16 +23,6 @@ from unmodeled.fit import Effect, Parameter
 from unmodeled.fit.model import UserUnit
 from unmodeled.fit.observe import shifted
 
-__all__ = [
-    "columns_of",
-    "effect_of",
-    "excite_by",
-    "observe_by",
-    "parameter_of",
-    "partners",
-    "user_unit_of",
-]
-
 
 @checked
 def effect_of(

@@ -1,32 +1,20 @@
-"""What a diagnosis found or a plan proposes: changed mechanisms, files, and places."""
+"""What a diagnosis found: changed mechanisms, files, and places."""
 
 from __future__ import annotations
 
 import copy
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from feltmb.adapters.changes import Chosen, changed_config
 from feltmb.mechanism import Action, MechanismFile, expand_path
 from feltmb.mechanism.numbers import read_entry
 from feltmb.mechanism.values import component, si_factor, tidy
-from feltmb.run.stroke.strokes import Kind, usual_interpolation
 from unmodeled.arguments import checked
-from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
-from unmodeled.files import write_text
 from unmodeled.units import split_quantity, unit_suffix
 from unmodeled.units.quantity import is_quantity
-
-__all__ = [
-    "action_of_findings",
-    "action_with_effects",
-    "bodies_at",
-    "points_at",
-    "write_planned_stroke",
-]
 
 
 @checked
@@ -178,51 +166,6 @@ def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> N
                 mine[key] = copy.deepcopy(value)
         for key in set(before.get(table, {})) - set(parts):
             mine.pop(key, None)
-
-
-# -------------------------------------------------------------------------------- planned inputs
-
-
-@checked
-def write_planned_stroke(
-    path: Path, kind: Kind, time: Array, value: Array, *, unit: str, about: str, force: bool = False
-) -> Path:
-    """Write a stroke file for ``feltmb stroke`` through points.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind
-        Kind of the stroke.
-    time
-        Times [s], the last one is the duration.
-    value
-        Values [unit].
-    unit
-        Unit of the values.
-    about
-        What it is for.
-    force
-        Whether an existing file is overwritten.
-    """
-    import tomlkit
-
-    table = {
-        "schema": 1,
-        "name": path.stem,
-        "about": about,
-        "source": "planned by feltmb gap plan",
-        "kind": kind,
-        "duration": float(time[-1]),
-        "knots": {
-            "unit": ["s", unit],
-            "time": [float(f"{t:.9g}") for t in time],
-            "value": [float(f"{v:.9g}") for v in value],
-            "interpolation": usual_interpolation(kind),
-        },
-    }
-    return write_text(path, tomlkit.dumps(table), force=force)
 
 
 # ------------------------------------------------------------------------------------- places

@@ -26,8 +26,6 @@ from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import MOST_EXTENDS, read_toml
 from unmodeled.units.quantity import SI, Schema, fault_text, parse_scalar, validated
 
-__all__ = ["Library", "LibraryFile", "Until", "load_library"]
-
 Each = Literal[
     "",
     "body",

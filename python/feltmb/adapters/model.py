@@ -37,7 +37,6 @@ from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, k
 from feltmb.mechanism import Action, load_action, packaged_actions
 from feltmb.mechanism.parameters import with_values_told
 from feltmb.run.stroke import load_stroke
-from feltmb.run.stroke.strokes import Kind
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record, Sensor
 from unmodeled.errors import DataError, InvalidParameter
@@ -53,19 +52,6 @@ from unmodeled.fit import (
     SensitivityRequest,
     State,
 )
-from unmodeled.fit.limits import InputLimits, Limits
-
-__all__ = [
-    "SETTINGS",
-    "STROKES",
-    "STROKE_KINDS",
-    "MechanismModel",
-    "finger_limits",
-    "mechanism_model",
-    "model_of",
-    "planned_strokes",
-    "resolve",
-]
 
 #: Magnitudes of no effects.
 NONE = np.zeros(0)
@@ -514,9 +500,6 @@ def _list(text: str) -> list[str]:
 
 # ------------------------------------------------------------------------------- planned strokes
 
-#: Kind of a stroke by input of the model.
-STROKE_KINDS: Mapping[str, Kind] = {"force": "force", "displacement": "key_motion"}
-
 #: Packaged strokes, the most informative first.
 STROKES = ("forte", "piano", "staccato")
 #: Sample rate [Hz].
@@ -563,15 +546,3 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
             )
         )
     return tuple(records)
-
-
-@checked
-def finger_limits(model: MechanismModel) -> Limits | None:
-    """Limits of a finger on a key; None for a mechanism without a finger.
-
-    0 to 25 N (the loudest packaged stroke), 2 kN/s (it rises in 12 ms), 0.6 s; sampled at 2 kHz.
-    """
-    if model.action.config.finger is None:
-        return None
-    force = InputLimits(least=0.0, most=25.0, rate=2000.0, unit="N", sigma=LOAD_CELL)
-    return Limits(inputs={"force": force}, duration=0.6, sample_rate=RATE)

@@ -25,16 +25,6 @@ from unmodeled.data.smoothing import (
 from unmodeled.errors import DataError
 from unmodeled.fit.noise import rounding_error
 
-__all__ = [
-    "driven",
-    "first_turn",
-    "from_rest",
-    "landmarks",
-    "unreached",
-    "with_force_error",
-    "with_noise",
-]
-
 Mask = NDArray[np.bool_]
 
 #: Number of simulated motions with noise: their rms is then known to a fifth in each window.

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from feltmb.action.actuator import Actuator, ActuatorRun
     from feltmb.action.actuator.matching import Match
 
-__all__ = ["command"]
-
 ROWS = {
     "first_contact_time": ("first contact with the stop", "s"),
     "first_contact_speed": ("speed at this contact", "m/s"),

@@ -15,21 +15,6 @@ from unmodeled.cli.completing import matching, words
 if TYPE_CHECKING:
     from feltmb.run.results import Run
 
-__all__ = [
-    "actions",
-    "actuators",
-    "events",
-    "felts",
-    "fiber_laws",
-    "mechanism_named",
-    "outputs",
-    "packaged",
-    "paths",
-    "setting_words",
-    "settings",
-    "strokes",
-]
-
 Completer = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
 
 

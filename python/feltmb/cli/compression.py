@@ -11,8 +11,6 @@ import click
 from unmodeled.cli.options import fields_of, option, pairs
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["TEST", "TestFile"]
-
 
 @dataclass(frozen=True)
 class TestFile:

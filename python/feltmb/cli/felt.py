@@ -53,8 +53,6 @@ if TYPE_CHECKING:
         PooledLaw,
     )
 
-__all__ = ["ZERO", "command", "felt"]
-
 #: A file that exists.
 FILE = click.Path(dir_okay=False, path_type=Path)
 MATERIAL = argument(complete=felts)

@@ -48,8 +48,6 @@ from unmodeled.cli.screen import (
 if TYPE_CHECKING:
     from feltmb.fiber import Cycle, FiberBox, FiberRun
 
-__all__ = ["command", "fiber"]
-
 SEED = option("Seed of all random draws.", count(0), 0)
 
 

@@ -14,8 +14,6 @@ from unmodeled.cli.options import FORCE, FileName, argument, declare, option
 from unmodeled.cli.running import LazyGroup
 from unmodeled.cli.screen import check_targets, print_json, say_written
 
-__all__ = ["command"]
-
 command = LazyGroup(
     "gap",
     listed={

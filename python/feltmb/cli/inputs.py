@@ -36,8 +36,6 @@ from unmodeled.cli.screen import (
 if TYPE_CHECKING:
     from feltmb.mechanism import Action
 
-__all__ = ["fmu", "listing", "live", "new", "showing", "validate"]
-
 ONE_NOTE = (
     "Every mechanism here is one note: 40 of 88 (middle C) of one upright piano, steinway45 and "
     "its variants, unless its name has another; grand_action is a grand from literature. Another "

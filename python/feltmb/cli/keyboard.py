@@ -35,8 +35,6 @@ from unmodeled.cli.screen import (
 if TYPE_CHECKING:
     from feltmb.keyboard import Balance, VelocityCurve
 
-__all__ = ["command"]
-
 
 class _Keyboard(click.Group):
     """Group whose command ``weights`` need not be named: ``feltmb keyboard FILE``."""

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
     from unmodeled.data import ReadOptions
 
-__all__ = ["animate", "plot", "view", "wav"]
-
 SLOWNESS = "Factor by which the motion is slower than in reality"
 WINDOW = option(
     "Show only this time interval [s].", (Quantity("s"), Quantity("s")), metavar="FROM TO"

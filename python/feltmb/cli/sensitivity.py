@@ -34,8 +34,6 @@ from unmodeled.cli.screen import (
 if TYPE_CHECKING:
     from feltmb.run.sensitivity import Gradient
 
-__all__ = ["command"]
-
 
 @declare("sensitivity")
 def command(

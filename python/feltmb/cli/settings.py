@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from feltmb.action.actuator import Actuator
     from feltmb.mechanism import Action
 
-__all__ = ["SET", "load_with_settings", "with_settings"]
-
 M = TypeVar("M", "Action", "Actuator")
 
 SET = option(

@@ -50,8 +50,6 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
     from feltmb.run.stroke import Stroke
 
-__all__ = ["command", "demo", "parse_damper", "strike_tables", "summary_table"]
-
 
 @dataclass(frozen=True)
 class Finger:

@@ -43,21 +43,6 @@ if TYPE_CHECKING:
     from feltmb.action.touch import Touch, TouchRow
     from feltmb.action.wearing import Wear
 
-__all__ = [
-    "regulate",
-    "regulation_table",
-    "repeat",
-    "repetition_table",
-    "screw_table",
-    "strike_table",
-    "symptom",
-    "touch",
-    "touch_table",
-    "wear",
-    "wear_table",
-]
-
-
 #: Millimeters of an inch.
 INCH = 25.4
 

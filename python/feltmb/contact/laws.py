@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Law", "law"]
-
 
 @checked
 class Law:

@@ -21,20 +21,6 @@ from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.units.quantity import SI, Schema, fault_lines
 
-__all__ = [
-    "AREAS",
-    "Area",
-    "AreaParameters",
-    "CircleOnLayer",
-    "Compression",
-    "ConstantArea",
-    "CrossedCylinders",
-    "LayerParameters",
-    "SphereOnLayer",
-    "core_layer",
-    "layer_parameters",
-]
-
 Array = NDArray[np.float64]
 Compression = Literal["even", "columns"]
 

@@ -4,14 +4,12 @@ SI units; compression, pressure and contact force are positive in compression. S
 ``docs/explanation/felt.md``.
 """
 
-from feltmb.felt.auditing import Audit, Cycle, Finding, audit, audit_targets
+from feltmb.contact.layer import CircleOnLayer, ConstantArea, CrossedCylinders, SphereOnLayer
+from feltmb.felt.audit_checks import Cycle, Finding
+from feltmb.felt.auditing import Audit, audit, audit_targets
 from feltmb.felt.densities import bulk
 from feltmb.felt.envelopes import (
-    CircleOnLayer,
-    ConstantArea,
-    CrossedCylinders,
     FeltEnvelope,
-    SphereOnLayer,
     envelope,
     load_envelope,
     parse_area,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.contact import Law
+from feltmb.contact.layer import ConstantArea
 from feltmb.felt.audit_checks import (
     Cycle,
     Finding,
@@ -31,14 +32,12 @@ from feltmb.felt.audit_checks import (
     shape_findings,
     valid_window,
 )
-from feltmb.felt.envelopes import ConstantArea, FeltEnvelope, envelope, load_envelope
+from feltmb.felt.envelopes import FeltEnvelope, envelope, load_envelope
 from feltmb.fiber.material import FeltMaterial, load_material
 from feltmb.mechanism import Contact, core_law, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import is_file, read_toml
-
-__all__ = ["Audit", "Cycle", "Finding", "audit", "audit_targets"]
 
 Array = NDArray[np.float64]
 

@@ -7,8 +7,6 @@ import math
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["WOOL", "bulk"]
-
 #: Density of wool [kg/m^3] (W. E. Morton, J. W. S. Hearle, Physical Properties of Textile Fibres).
 WOOL = 1310.0
 

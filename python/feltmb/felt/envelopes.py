@@ -20,11 +20,7 @@ from feltmb import _core
 from feltmb.contact.layer import (
     AREAS,
     Area,
-    CircleOnLayer,
     Compression,
-    ConstantArea,
-    CrossedCylinders,
-    SphereOnLayer,
     core_layer,
 )
 from feltmb.fiber.material import FeltMaterial
@@ -33,20 +29,6 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.files import read_toml
 from unmodeled.units import conversion_factor, split_quantity
 from unmodeled.units.quantity import parse_scalar
-
-__all__ = [
-    "AREAS",
-    "Area",
-    "CircleOnLayer",
-    "ConstantArea",
-    "CrossedCylinders",
-    "FeltEnvelope",
-    "FeltLaw",
-    "SphereOnLayer",
-    "envelope",
-    "load_envelope",
-    "parse_area",
-]
 
 Array = NDArray[np.float64]
 

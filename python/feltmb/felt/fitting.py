@@ -22,8 +22,6 @@ from feltmb.mechanism import Contact, core_law
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["ContactFit", "contact_loop", "fit_contact"]
-
 Array = NDArray[np.float64]
 
 

@@ -30,8 +30,6 @@ from feltmb.fiber.material import (
 from unmodeled.arguments import checked
 from unmodeled.errors import DataError, InvalidParameter, ModelError
 
-__all__ = ["BranchFit", "Identification", "identify"]
-
 Array = NDArray[np.float64]
 BranchName = Literal["loading", "unloading"]
 

@@ -21,8 +21,6 @@ from feltmb.fiber.cycles import find_branches
 from unmodeled.arguments import checked
 from unmodeled.errors import DataError, InvalidParameter
 
-__all__ = ["LOADING", "LawFit", "PooledLaw", "fit_law", "pool"]
-
 Array = NDArray[np.float64]
 Values = Callable[[Array], dict[str, float]]
 LoadingLaw = Literal["power", "van_wyk", "van_wyk_3"]

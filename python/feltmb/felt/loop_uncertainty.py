@@ -13,18 +13,6 @@ from feltmb.fiber.approach import LEAST
 from feltmb.fiber.cycles import HIGHEST, LOWEST, Branches
 from unmodeled.arguments import checked
 
-__all__ = [
-    "SAME_SPEED",
-    "CycleLoss",
-    "Cycles",
-    "LoopUncertainty",
-    "complete_cycles",
-    "envelope_errors",
-    "loop_uncertainty",
-    "offset_error",
-    "quantile",
-]
-
 Array = NDArray[np.float64]
 
 #: Points for the work of a cycle, and least samples of a branch for it.

@@ -38,8 +38,6 @@ from unmodeled.arguments import checked
 from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
 
-__all__ = ["MeasuredLoop", "Specimen", "measured_loop", "read_measured_loop", "read_specimen"]
-
 Array = NDArray[np.float64]
 
 #: First force that counts as a preload: multiples of the scatter of the force.

@@ -8,8 +8,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MonotoneCurve", "monotone_curve"]
-
 Array = NDArray[np.float64]
 
 #: Most intervals of the spline of a branch.

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from feltmb.felt.loop_uncertainty import Cycles, quantile
 from feltmb.fiber.cycles import Branches
 
-__all__ = ["transition_uncertainty"]
-
 Array = NDArray[np.float64]
 
 #: Step of the logarithm of kappa, and change of a part of a branch as a share of its force.

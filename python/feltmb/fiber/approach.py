@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST", "TOUCH", "FirstContact", "free_approach", "scatter_of", "smooth_zero"]
-
 Array = NDArray[np.float64]
 
 #: Least number of samples of an approach, or of a branch.

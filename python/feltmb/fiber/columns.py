@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from unmodeled.data.columns import read_columns
 from unmodeled.data.files import read_sheet
 from unmodeled.data.mapping import unit_of_column, values_in
-from unmodeled.data.series import Columns, plain_name
+from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
+from unmodeled.data.tables import plain_name
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.units import conversion_factor, spelled_unit, weight_hint
 from unmodeled.units.quantity import fault_text, shortened
-
-__all__ = ["COMPRESSIONS", "LOADS", "CompressionColumns", "read_test"]
 
 Array = NDArray[np.float64]
 

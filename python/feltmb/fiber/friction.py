@@ -11,8 +11,6 @@ from feltmb._core import fiber as _core
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["CarnabyPan", "carnaby_pan", "carnaby_pan_march", "critical_angle"]
-
 Array = NDArray[np.float64]
 
 

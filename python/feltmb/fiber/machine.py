@@ -12,8 +12,6 @@ from feltmb.fiber.approach import LEAST, OFFSET, SURE, scatter_of
 from feltmb.fiber.columns import CompressionColumns, read_test
 from unmodeled.errors import DataError, InvalidParameter
 
-__all__ = ["Drift", "drift_of", "saturation", "without_frame"]
-
 Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 

@@ -22,16 +22,6 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.files import read_toml
 from unmodeled.units.quantity import SI, Schema, is_quantity, validated
 
-__all__ = [
-    "Branch",
-    "BranchCurve",
-    "CriticalAngles",
-    "FeltMaterial",
-    "Fiber",
-    "load_material",
-    "packaged_materials",
-]
-
 Array = NDArray[np.float64]
 BranchName = Literal["loading", "unloading"]
 

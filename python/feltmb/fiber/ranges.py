@@ -9,8 +9,6 @@ from unmodeled.arguments import checked
 from unmodeled.errors import no_such
 from unmodeled.units import unit_suffix
 
-__all__ = ["RANGES", "UsualRange", "unusual"]
-
 
 @dataclass(frozen=True)
 class UsualRange:

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["STRING_POINTS", "Film", "time_window"]
-
 STRING_POINTS = 48
 
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["largest_derivative", "model_based"]
-
 NEAR = 0.9  #: A hammer that turns back beyond this travel has struck.
 #: Way before the string on which the hammer is free [m]; error of the speed by noise [1].
 FLIGHT, ACCURACY = 2e-3, 2e-3

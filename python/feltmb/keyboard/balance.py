@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Balance", "Outlier", "analyze", "smooth_curve", "standard_curves"]
-
 #: Key ratio and whippen radius weight [g] where the file has none: those of `grand_action`.
 KEY_RATIO, WHIPPEN_WEIGHT = 0.5, 18.5
 #: Distance from the curve, in robust standard deviations, from which a key stands out.

@@ -22,8 +22,6 @@ from unmodeled.errors import Error, InvalidParameter
 if TYPE_CHECKING:
     from feltmb.run.results import Run
 
-__all__ = ["KINDS", "Inversion", "Press", "gesture", "random_gestures", "truth_of"]
-
 #: Kind -> share of the gestures of a set.
 KINDS = {"struck": 0.3, "pressed": 0.3, "staccato": 0.15, "repeated": 0.15, "half return": 0.1}
 #: Displacement of the finger in a press: time to this power.

@@ -23,8 +23,6 @@ from unmodeled.units.quantity import fault_text
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["COLUMNS", "FIRST_MIDI", "Keyboard", "is_sharp", "note_name", "read_keyboard"]
-
 #: MIDI number of key 1, the A0.
 FIRST_MIDI = 21
 NAMES = ("C", "C#", "D", "D#", "E", "F", "F#", "G", "G#", "A", "A#", "B")

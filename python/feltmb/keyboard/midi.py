@@ -18,8 +18,6 @@ from unmodeled.files import read_input, write_file
 if TYPE_CHECKING:
     from feltmb.run.results import Run
 
-__all__ = ["MidiNote", "Played", "play", "read_midi", "write_midi"]
-
 LARGEST = 20_000_000  # bytes of a MIDI file
 TICKS = 1000  # ticks a quarter note of a written file, 0.5 s long: 0.5 ms a tick
 #: Notes of one key are one gesture if the finger has less time than this in between [s].

@@ -15,8 +15,6 @@ from feltmb.mechanism import Action, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import Error, InvalidParameter
 
-__all__ = ["KeyAction", "action_of_key"]
-
 GRAM = 9.80665e-3  # N, weight of one gram
 #: Strike weight ratio and key ratio of `grand_action`: ratio ~ key ratio to this power.
 POWER = 2.8

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["draw", "html_page", "key_table", "sentences"]
-
 
 def sentences(balance: Balance) -> list[str]:
     """What the weights say, one sentence a number."""

@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from feltmb.keyboard.sensor import Setup
     from feltmb.keyboard.strokes import Labeled
 
-__all__ = ["LEVELS", "Score", "level_of", "load_algorithm", "score"]
-
 Algorithm = Callable[["pd.DataFrame", "Setup"], Any]
 
 #: Level -> its lowest speed of the hammer at the string [m/s].

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Sensor", "Setup", "load_sensor", "setup_of", "travels"]
-
 #: Strokes from which the distances of an action are taken: power, finger speed [m/s].
 PROBES = ((2.0, 0.14), (2.0, 0.2), (2.0, 0.25), (2.0, 0.35), (2.0, 0.45), (1.0, 0.5), (1.0, 0.9),
           (1.0, 1.4))  # fmt: skip

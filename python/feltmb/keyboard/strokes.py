@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from feltmb.run.results import Run
     from feltmb.run.stroke import Stroke
 
-__all__ = ["Labeled", "labeled_strokes", "read_set", "sensed", "write_set"]
-
 #: Records that are made, or are in memory, at a time.
 BLOCK = 200
 

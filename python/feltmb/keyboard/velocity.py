@@ -11,8 +11,6 @@ import numpy as np
 
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["VelocityCurve"]
-
 
 @dataclass(frozen=True)
 class VelocityCurve:

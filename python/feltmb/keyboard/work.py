@@ -11,8 +11,6 @@ from unmodeled.errors import InvalidParameter
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["list_of_work"]
-
 #: Where lead is added, and where the key is pressed, from the balance pin [m]: `grand_action`.
 LEAD_AT, FRONT = 0.140, 0.225
 #: Least change that is worth the work [g].

@@ -42,8 +42,6 @@ from feltmb.run.stroke import Stroke
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.files import is_file, read_input
 
-__all__ = ["MOST_BODY", "MOST_MESSAGE", "MOST_UPLOAD", "Studio", "make_app"]
-
 #: Largest message of the WebSocket, body of a request, and uploaded file [bytes]; number of pages.
 MOST_MESSAGE, MOST_BODY, MOST_UPLOAD = 256 * 1024, 256 * 1024, 32 * 1024 * 1024
 MOST_PAGES = 16

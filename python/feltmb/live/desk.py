@@ -27,8 +27,6 @@ from feltmb.run.results import Run
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import Stroke
 
-__all__ = ["Desk", "Stopped"]
-
 Slot = Literal["a", "b"]
 SLOTS: tuple[Slot, ...] = ("a", "b")
 

@@ -22,8 +22,6 @@ from unmodeled.errors import Error, InvalidParameter
 from unmodeled.units import si_value
 from unmodeled.units.quantity import shortened
 
-__all__ = ["Bench", "Knob"]
-
 #: Order of the groups, and the prefixes of the names in each.
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("screws", ("screw.",)),

@@ -26,17 +26,16 @@ from feltmb.live.proposals import Abandoned, propose
 from feltmb.live.states import Turned, fault_of
 from unmodeled import Options, Progress, Report, Stop, check, diagnose
 from unmodeled.data import ReadOptions, Record
-from unmodeled.data.columns import MEASURED_FILES, Columns, read_columns
+from unmodeled.data.columns import MEASURED_FILES, read_columns
 from unmodeled.data.files import read_each
 from unmodeled.data.mapping import Signals
+from unmodeled.data.series import Columns
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.experiment import Belief
 from unmodeled.fit import Effect
 from unmodeled.report.words import percent
 from unmodeled.search.result import Change
 from unmodeled.style import reader_unit
-
-__all__ = ["Measured", "Shelf"]
 
 #: Largest number of uploaded files; the oldest one is removed.
 MOST_FILES = 12

@@ -22,8 +22,6 @@ from unmodeled.style import reader_unit
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["SAMPLES", "default_shown", "describe_live", "listed_outputs", "summary_of"]
-
 #: Numbers of frames of the mechanism, and of samples of a curve and of the string, in quick and
 #: full quality.
 FRAMES, SAMPLES, STRING = {"quick": 120, "full": 500}, {"quick": 900, "full": 4000}, 300

@@ -1,26 +1,22 @@
-"""Proposes the next strokes to measure: a small plan of strokes that the page can simulate."""
+"""Proposes the next strokes to measure: the packaged strokes, ordered by what they would tell."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
-from feltmb.adapters import MechanismModel, finger_limits, planned_strokes
+from feltmb.adapters import MechanismModel, planned_strokes
 from feltmb.live.states import Playing
 from unmodeled.data import Record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.experiment import Belief, Design, design, reasons
-from unmodeled.experiment.designs import sensors_of
+from unmodeled.experiment import Belief, plan
 from unmodeled.fit import Effect
 
-__all__ = ["Abandoned", "propose"]
-
-#: Profiles that a person can repeat; a chirp needs a machine.
-FAMILIES = ("step", "pulse", "repeated pulse", "two steps")
-#: Numbers of evaluated profiles and of proposed strokes, for an answer within seconds.
-CANDIDATES, STROKES = 4, 3
-#: Number of records that the plan uses.
-MOST_RECORDS = 4
+#: Packaged strokes that a person can play.
+CANDIDATES = ("forte", "piano", "staccato", "press_release", "repeated")
+#: Number of records that the plan uses, for an answer within seconds, and of proposed strokes.
+MOST_RECORDS, STROKES = 4, 3
 
 
 class Abandoned(Error):
@@ -50,64 +46,38 @@ def propose(
     Raises
     ------
     InvalidParameter
-        The mechanism has no finger, or none of the profiles moves it.
+        The mechanism has no finger, or none of the strokes can be simulated.
     """
-    limits = finger_limits(model)
-    if limits is None:
+    strokes = planned_strokes(model, CANDIDATES)
+    if not strokes:
         raise InvalidParameter(
             f"{model.action.name}: no stroke can be proposed, because no finger plays it; "
-            "hint: feltmb gap plan --limits takes any input"
+            "hint: feltmb gap plan takes files with any input"
         )
     counted = records[:MOST_RECORDS]
-    usual = dict(planned_strokes(model, ("forte",))[0].sensors)
-    found = design(
-        model,
-        effects,
-        counted,
-        limits=limits,
-        sensors=sensors_of(counted, usual, usual) or usual,
-        budget=STROKES,
-        belief=belief,
-        families=FAMILIES,
-        candidates=CANDIDATES,
-        refinements=0,
-        progress=progress,
-    )
-    return _told(found, len(records))
-
-
-def _told(found: Design, records: int) -> dict[str, Any]:
+    sensors = {n: s for r in counted for n, s in r.sensors.items()}
+    if sensors:
+        usual = strokes[0].sensors
+        known = {n: usual[n] if s.sigma is None and n in usual else s for n, s in sensors.items()}
+        strokes = tuple(
+            replace(r, sensors=known, outputs=dict.fromkeys(known, 0.0 * r.time)) for r in strokes
+        )
+    result = plan(model, effects, strokes, counted, belief=belief, progress=progress)
     notes = []
-    if records > MOST_RECORDS:
-        notes.append(f"Of {records} records the first {MOST_RECORDS} count.")
-    if found.failed:
-        notes.append(f"{found.failed} profiles could not be simulated and are left out.")
-    notes += [f"None of these tells apart: {', '.join(group)}." for group in found.inseparable[:3]]
-    rows = []
-    for e in found.experiments:
-        assert e.profile is not None
-        time, value = e.profile.knots()
-        playing = Playing(
-            kind="planned",
-            name=e.name,
-            time=[float(f"{t:.9g}") for t in time],
-            value=[float(f"{v:.9g}") for v in value],
-            duration=e.profile.end,
-        )
-        keys = {"kind", "name", "drawn", "time", "value", "duration"}
-        rows.append(
-            {
-                "name": e.name,
-                "reasons": reasons(e, len(found.effects)),
-                "before": e.before,
-                "after": e.after,
-                "playing": playing.model_dump(include=keys),
-            }
-        )
-    return {
-        "rows": rows,
-        "before": found.before,
-        "after": found.after,
-        "reachable": found.reachable,
-        "notes": notes,
-    }
+    if len(records) > MOST_RECORDS:
+        notes.append(f"Of {len(records)} records the first {MOST_RECORDS} count.")
+    if result.failed:
+        notes.append(f"The model cannot simulate {', '.join(result.failed)}.")
+    notes += [f"None of these tells apart: {', '.join(group)}." for group in result.inseparable[:3]]
+    shown = result.records[:STROKES]
+    rows = [
+        {
+            "name": r.record.name,
+            "reasons": r.reasons(len(result.effects)),
+            "before": r.before,
+            "after": r.after,
+            "playing": Playing(name=r.record.name).model_dump(include={"kind", "name"}),
+        }
+        for r in shown
+    ]
+    return {"rows": rows, "before": result.before, "after": shown[-1].after, "notes": notes}

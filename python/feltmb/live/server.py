@@ -17,8 +17,6 @@ from typing import Any
 from unmodeled.arguments import checked
 from unmodeled.errors import Error
 
-__all__ = ["Live", "serve"]
-
 HOST = "127.0.0.1"
 
 #: Option of ``mallopt`` of glibc, and its value: memory from this size on is of the system [bytes].

@@ -24,8 +24,6 @@ from feltmb.run.stroke import (
 from unmodeled.errors import Error, InvalidParameter, printable
 from unmodeled.units.quantity import shortened
 
-__all__ = ["LONGEST", "Asked", "Playing", "Turned", "fault_of"]
-
 _LOG = logging.getLogger(__name__)
 
 #: Largest numbers of knots of a drawn stroke, of changed controls, and of shown outputs.
@@ -78,9 +76,7 @@ class Turned(_Table):
 class Playing(_Table):
     """The stroke that is simulated."""
 
-    kind: Literal["packaged", "press", "strike", "drawn", "planned", "slow", "repeat", "free"] = (
-        "packaged"
-    )
+    kind: Literal["packaged", "press", "strike", "drawn", "slow", "repeat", "free"] = "packaged"
     name: Annotated[str, Field(max_length=200)] = "forte"
     force: Annotated[float, Field(gt=0, le=200, allow_inf_nan=False)] = 5.0
     """Force of ``press`` and ``repeat`` [N]."""
@@ -92,7 +88,7 @@ class Playing(_Table):
     """Number of strikes per second of ``repeat`` [1/s]."""
     count: Annotated[int, Field(ge=1, le=12)] = 3
     duration: Annotated[float, Field(ge=0.01, le=LONGEST)] = 0.5
-    """Duration of ``free``, without a finger, and of ``planned`` [s]."""
+    """Duration of ``free``, without a finger [s]."""
     drawn: Literal["force", "motion"] = "force"
     time: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
     value: Annotated[list[Finite], Field(max_length=MOST_KNOTS)] = []
@@ -102,9 +98,8 @@ class Playing(_Table):
         if self.kind == "packaged" and self.name not in names("strokes"):
             known = ", ".join(names("strokes"))
             raise ValueError(f"stroke {shortened(repr(self.name))} is unknown; known are {known}")
-        knots = self.kind in ("drawn", "planned")
-        if knots and (len(self.time) != len(self.value) or len(self.time) < 2):
-            raise ValueError(f"a {self.kind} stroke needs 2 or more knots, a value for each time")
+        if self.kind == "drawn" and not 2 <= len(self.time) == len(self.value):
+            raise ValueError("a drawn stroke needs 2 or more knots, a value for each time")
         return self
 
     def stroke(self) -> Stroke:
@@ -132,8 +127,6 @@ class Playing(_Table):
             )
         if self.kind == "press":
             return ramp_stroke(self.force, START, 0.02, duration=0.3, name=f"{self.force:g} N")
-        if self.kind == "planned":  # as in the files of feltmb gap plan
-            return table_stroke(self.time, self.value, duration=self.duration, name=self.name)
         if self.kind == "drawn":
             end = max(self.time) + 0.15
             if self.drawn == "force":

@@ -6,14 +6,13 @@ path. ``schema`` defines the content of a file, ``reading`` finds and extends fi
 changes them, ``checking`` finds all faults, and ``to_core`` describes the mechanism to the core.
 """
 
+from feltmb.contact.tables import LAWS, Curve
 from feltmb.mechanism.action import Action, load_action
 from feltmb.mechanism.checking import missing_law_faults, spread_laws
 from feltmb.mechanism.reading import files_of, load_raw, packaged_actions, without_paths
 from feltmb.mechanism.schema import (
-    LAWS,
     Body,
     Contact,
-    Curve,
     FrictionParameters,
     LawChoice,
     MechanismFile,

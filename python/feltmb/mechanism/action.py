@@ -41,8 +41,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from matplotlib.figure import Figure
 
-__all__ = ["Action", "load_action"]
-
 #: Tables of laws that are newer than the first results; files without them keep their hash.
 _LATER_LAWS = {law.table for name, law in CORE_LAWS.items() if name in LAWS} - {
     *("", "memory", "hunt_crossley", "stulov")

@@ -27,8 +27,6 @@ from unmodeled.units.quantity import (
     table_at,
 )
 
-__all__ = ["missing_law_faults", "spread_laws", "validate"]
-
 
 def _paths_of_none(node: Any, path: str = "") -> Iterator[str]:
     if node is None:

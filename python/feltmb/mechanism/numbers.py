@@ -22,17 +22,6 @@ from feltmb.mechanism.values import (
 from unmodeled.errors import InvalidParameter
 from unmodeled.units.quantity import shortened, unit_of
 
-__all__ = [
-    "BareChange",
-    "Parameter",
-    "Value",
-    "bare_changes",
-    "number_at",
-    "numbers_below",
-    "read_entry",
-    "replace_entry",
-]
-
 #: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})
 

@@ -11,8 +11,6 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-__all__ = ["without_faults"]
-
 #: Tables whose entries can be removed; entries that refer to them are removed in turn.
 _LOOSE = (
     "surfaces",

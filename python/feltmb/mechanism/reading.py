@@ -17,8 +17,6 @@ from unmodeled.units.quantity import (
     shortened,
 )
 
-__all__ = ["files_of", "load_raw", "packaged_actions", "resolve"]
-
 
 def packaged_actions() -> list[str]:
     """Names of the packaged mechanisms."""

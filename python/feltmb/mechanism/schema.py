@@ -10,44 +10,13 @@ from pydantic import AfterValidator, BeforeValidator, Field
 
 from feltmb import _core
 from feltmb.contact.layer import LayerParameters
-from feltmb.contact.tables import LAWS, Curve, to_core, with_fields, with_laws, with_numbers
+from feltmb.contact.tables import to_core, with_fields, with_laws, with_numbers
 from unmodeled.units.quantity import (
     SI,
     Schema,
     SIVector,
     parse_scalar,
 )
-
-__all__ = [
-    "LAWS",
-    "Body",
-    "Contact",
-    "Curve",
-    "Dashpot",
-    "Finger",
-    "Friction",
-    "FrictionParameters",
-    "LawChoice",
-    "Lead",
-    "MechanismFile",
-    "Motor",
-    "NamedEvent",
-    "Pad",
-    "Point",
-    "Reading",
-    "Screw",
-    "Source",
-    "Spring",
-    "Strap",
-    "Striker",
-    "String",
-    "SummaryRow",
-    "Surface",
-    "TouchEvents",
-    "View",
-    "ViewCurve",
-    "WeighedParts",
-]
 
 
 def _drop_meta(node: object) -> object:

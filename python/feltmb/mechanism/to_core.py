@@ -24,8 +24,6 @@ from feltmb.mechanism.schema import (
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["core_law", "describe", "describe_with_faults", "with_leads"]
-
 
 def with_leads(config: MechanismFile, name: str) -> Body:
     """A body with the mass that its leads, and the friction that its bushings give it."""

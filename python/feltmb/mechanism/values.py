@@ -21,20 +21,6 @@ from unmodeled.units.quantity import (
     shortened,
 )
 
-__all__ = [
-    "AXES",
-    "apply_numbers",
-    "apply_values",
-    "component",
-    "expand_path",
-    "is_bare",
-    "parse_setting",
-    "plain_data",
-    "split_operator",
-    "tidy",
-    "unit_in_file",
-]
-
 #: Path and operator of a change; ``contacts.*`` ends with a wildcard, not with an operator.
 _CHANGE = re.compile(r"(.*[^.\s])\s*([-+*])=\s*", re.DOTALL)
 

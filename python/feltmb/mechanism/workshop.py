@@ -19,19 +19,6 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.units import conversion_factor
 from unmodeled.units.quantity import parse_scalar, shortened
 
-__all__ = [
-    "distance_from_joint",
-    "key_ratio",
-    "mass_and_center",
-    "moment_about",
-    "plain_values",
-    "strike_weight",
-    "told_move",
-    "told_turns",
-    "turns_of",
-    "welded_to",
-]
-
 #: Farthest place of a lead, as a multiple of that of the finger.
 LEAD_REACH = 1.1
 

@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-__all__ = ["Numbers", "missing_number", "renamed", "summary_unit", "table_to_dataset"]
-
 #: Suffix of the name of a number in ``Run.summary`` -> its SI unit; other numbers are lengths.
 ENDINGS = (
     ("_time", "s"),

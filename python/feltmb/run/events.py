@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from feltmb.mechanism import Action, NamedEvent
 
-__all__ = ["Change", "list_changes", "matches", "name_events", "undoes"]
-
 
 @dataclass(frozen=True)
 class Change:

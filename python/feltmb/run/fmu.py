@@ -22,8 +22,6 @@ from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, write_file
 
-__all__ = ["export_fmu"]
-
 #: Value references of variables, as in cpp/fmu/unit.hpp.
 _TIME, _INPUT, _TOLERANCE, _OUTPUTS = 0, 1, 2, 1000
 _PEAKS, _STARTS, _PARAMETERS = 50_000, 90_000, 100_000

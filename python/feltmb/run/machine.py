@@ -24,8 +24,6 @@ from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, shown
 from unmodeled.units import conversion_factor
 
-__all__ = ["Machine", "MachineState"]
-
 
 @dataclass(frozen=True, eq=False)
 class MachineState:

@@ -11,8 +11,6 @@ from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.units.quantity import shortened
 
-__all__ = ["ALL_OPTIONS", "OPTIONS", "RunOptions", "check_options", "options_given"]
-
 
 @checked
 @dataclass(frozen=True)

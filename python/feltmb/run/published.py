@@ -12,8 +12,6 @@ from unmodeled.files import read_toml
 if TYPE_CHECKING:
     from feltmb.run.results import Run
 
-__all__ = ["Comparison", "compare_with_published"]
-
 
 @dataclass(frozen=True)
 class Comparison:

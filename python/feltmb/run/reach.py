@@ -9,8 +9,6 @@ from feltmb import _core
 from feltmb.mechanism import Action
 from unmodeled.units.quantity import shortened
 
-__all__ = ["unreached_lines"]
-
 Array = npt.NDArray[np.float64]
 
 

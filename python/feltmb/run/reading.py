@@ -18,16 +18,6 @@ if TYPE_CHECKING:
 
     from feltmb.run.results import Run
 
-__all__ = [
-    "contact_parties",
-    "reading_of",
-    "row_unit",
-    "strike_events",
-    "strike_words",
-    "striker_speed",
-    "summary_rows",
-]
-
 
 def reading_of(run: Run | Action) -> Reading:
     """``[reading]`` of a mechanism or that of a run; empty if the run does not contain it."""

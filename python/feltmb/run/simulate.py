@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Evaluation", "evaluate", "simulate"]
-
 #: Beyond it, squares of an initial value or its energy are no numbers [SI].
 LARGEST = 1e9
 #: Compression at the start beyond that of the rest pose, above which it is told [m].

@@ -13,8 +13,6 @@ from unmodeled.errors import InvalidParameter
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["RATE", "difference", "sampled", "wav"]
-
 #: Default sample rate [Hz].
 RATE = 44100
 #: Largest sample in a file; full scale is 32767.

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["ONE_STRIKE", "add_check", "find_strikes", "list_strikes", "strike_numbers"]
-
 #: Contacts of hammer and string that follow each other within this time are one strike [s].
 ONE_STRIKE = 6e-3
 

@@ -12,8 +12,6 @@ from feltmb import _core
 from feltmb.mechanism import Action
 from feltmb.run.stroke import PRESCRIBED, Stroke
 
-__all__ = ["run_warnings"]
-
 #: Fraction by which the measured loop of a felt may be exceeded without a warning.
 PASSED = 1e-3
 #: Ratio of deflection to length of a member above which its equations are not valid.

@@ -31,9 +31,7 @@ MODULES = [
     "unmodeled",
     "unmodeled.search.result",
     "unmodeled.experiment",
-    "feltmb.fiber.material",
     "feltmb.action.regulate",
-    "feltmb.run.fmu",
     "feltmb.run.sensitivity",
     "feltmb.run.sweep",
     "feltmb.action.touch",
@@ -215,19 +213,8 @@ def table():
     return pd.concat(both, ignore_index=True)
 
 
-LIMITS_FILE = 'schema = 1\nduration = "0.4 s"\n[inputs.f]\nunit = "N"\nmost = 1.0\n'
-
-
-def limits():
-    own = experiment.InputLimits(most=1.0, rate=100.0, unit="N")
-    return experiment.Limits(inputs={"f": own}, duration=0.4, sample_rate=250.0)
-
-
-@cache
-def designed():
-    return experiment.design(
-        oscillator(), [DRY], limits=limits(), budget=1.0, candidates=1, refinements=0
-    )
+def planned():
+    return experiment.plan(oscillator(), [DRY], [record()])
 
 
 def written(name, text):
@@ -1154,49 +1141,16 @@ CALLS = {
         "magnitudes": {"dry friction": 0.1},
     },
     "unmodeled.experiment.Belief.of_report": lambda: (experiment.Belief, {"report": report()}),
-    "unmodeled.experiment.design_json": lambda: {"design": designed()},
-    "unmodeled.experiment.reasons": lambda: {
-        "experiment": designed().experiments[0],
-        "causes": 1,
-    },
-    "unmodeled.experiment.InputLimits": lambda: {
-        name: getattr(limits().inputs["f"], name)
-        for name in inspect.signature(experiment.InputLimits).parameters
-    },
-    "unmodeled.experiment.InputLimits.shortest": lambda: (limits().inputs["f"], {"change": 1.0}),
-    "unmodeled.experiment.Limits": lambda: {
-        name: getattr(limits(), name) for name in inspect.signature(experiment.Limits).parameters
-    },
-    "unmodeled.experiment.PartTest": lambda: {
-        "parameter": "k",
-        "sd": 1.0,
-        "cost": 1.0,
-        "how": "scale",
-    },
-    "unmodeled.experiment.design": lambda: {
+    "unmodeled.experiment.PlannedRecord": lambda: vars(planned().records[0]),
+    "unmodeled.experiment.PlannedRecord.reasons": lambda: (planned().records[0], {"causes": 1}),
+    "unmodeled.experiment.plan": lambda: {
         "model": oscillator(),
         "effects": [DRY],
+        "proposed": [record()],
         "records": [record()],
-        "limits": limits(),
-        "sensors": None,
-        "budget": 1.0,
         "aim": "names",
         "belief": None,
-        "families": ["pulse"],
-        "candidates": 1,
-        "refinements": 0,
-        "seed": 0,
         "progress": None,
-    },
-    "unmodeled.experiment.read_limits": lambda: {
-        "path": written("limits.toml", LIMITS_FILE),
-        "model": oscillator(),
-    },
-    "unmodeled.experiment.write_design": lambda: {
-        "design": designed(),
-        "folder": "plan",
-        "units": {"f": "N"},
-        "force": True,
     },
     # contact
     "feltmb.contact.Law": lambda: {"core": law().core, "name": None},

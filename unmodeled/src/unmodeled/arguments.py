@@ -19,8 +19,6 @@ from typing import Annotated, Any, TypeVar
 
 from unmodeled.errors import InvalidParameter, shown
 
-__all__ = ["AnyNumber", "checked", "text_readers"]
-
 T = TypeVar("T")
 
 #: Annotation of a number that need not be finite.

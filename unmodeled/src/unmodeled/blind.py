@@ -29,8 +29,6 @@ from unmodeled.search.records import noise_of_channel, prepare, ready_records, s
 from unmodeled.search.result import OUTCOMES, Case, Reason, Result, Verdict
 from unmodeled.search.search import model_alone
 
-__all__ = ["Withheld", "withhold"]
-
 #: Norm of the change of the records by an effect from which it is clear [standard deviations].
 CLEAR = 5.0
 

@@ -26,8 +26,6 @@ from unmodeled.search.search import search
 from unmodeled.search.variation import varies, with_variation
 from unmodeled.search.verdict import judge
 
-__all__ = ["diagnose", "fit_model"]
-
 #: Share of the limit of time after which no fit goes on; the rest is for the verdict.
 FITS = 0.85
 

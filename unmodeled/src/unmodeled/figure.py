@@ -6,8 +6,6 @@ import io
 
 from matplotlib import figure
 
-__all__ = ["Figure"]
-
 
 class Figure(figure.Figure):
     """Figure of matplotlib that a notebook displays, in contrast to a plain ``Figure``."""

@@ -9,8 +9,6 @@ from __future__ import annotations
 import importlib
 from typing import Any
 
-__all__ = ["lazy_import"]
-
 
 def lazy_import(place: str) -> Any:
     """Object at ``module:name``, such as ``"unmodeled.diagnosis:diagnose"``."""

@@ -11,16 +11,15 @@ from pathlib import Path
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
-    from unmodeled.data import ReadOptions, Record
+    from unmodeled.data import Array, ReadOptions, Record, Sensor
     from unmodeled.data.mapping import Signals
-    from unmodeled.experiment import Limits
     from unmodeled.fit import Effect, Model
-
-__all__ = ["GROUP", "MJCF", "Extension", "LoadedModel", "extensions", "load_model"]
 
 #: Endings of files of MuJoCo models.
 MJCF = (".xml", ".mjcf", ".urdf")
@@ -67,11 +66,6 @@ class LoadedModel:
     """Possible runs, for ``unmodeled plan``."""
     outputs_of: Callable[[Sequence[str]], tuple[str, ...]] = tuple
     """Function that returns the outputs of named channels."""
-    limits: Limits | None = None
-    """Limits of experiments, unless a file states others."""
-    write_input: Callable[..., list[Path]] | None = None
-    """Function ``(experiment, stem, unit, force) -> paths`` that writes a planned input in a format
-    of its own."""
     made: Callable[[Sequence[Record]], Sequence[Effect]] | None = None
     """Function that makes the effects from the records; None: ``effects`` are all."""
     default: bool = False
@@ -102,6 +96,64 @@ class LoadedModel:
         from unmodeled.data.files import read_each
 
         return read_each(data, self.signals, options)
+
+    def read_proposed(
+        self,
+        files: Sequence[Path],
+        records: Sequence[Record] = (),
+        channels: Sequence[str] = (),
+        options: ReadOptions | None = None,
+    ) -> tuple[Record, ...]:
+        """Records that could be made: files with a time and inputs, or the planned runs.
+
+        A file without outputs gets the sensors of the measured ``records``, else of the planned
+        runs, else all outputs of the model; ``channels``: those that are measured in addition, or
+        alone if there are neither records nor planned runs.
+
+        Raises
+        ------
+        DataError
+            A file cannot be read.
+        InvalidParameter
+            There is neither a file nor a planned run.
+        """
+        from unmodeled.data import Sensor
+        from unmodeled.data.files import read_each
+        from unmodeled.search.records import ready_records
+
+        model = ready_records(self.model, records).model if records else self.model
+        signals = replace(self, model=model).signals
+        known = {
+            n: s
+            for r in (records or self.planned)
+            for n, s in r.sensors.items()
+            if n in model.outputs
+        }
+        wanted = self.outputs_of(channels) if channels else ()
+        for name in wanted or (() if known else model.outputs):
+            known.setdefault(name, Sensor(name=name, unit=model.units.get(name, "1")))
+        if not files and not self.planned:
+            raise InvalidParameter(
+                f"{model.name}: has no planned runs; give files with a time and inputs"
+            )
+        if not files:
+            return tuple(_measured_by(r, known) for r in self.planned)
+        inputs = (*signals.inputs, *(n for names in signals.modes.values() for n in names))
+        # An input column counts as an output too, because a file without outputs is no record.
+        outputs = () if signals.any_inputs else (*signals.outputs, *inputs)
+        out = []
+        for r in (
+            r for g in read_each(files, replace(signals, outputs=outputs), options) for r in g
+        ):
+            if not model.outputs:  # a function: its outputs are among the columns
+                out.append(r)
+                continue
+            applied = (
+                {} if outputs else {n: v for n, v in r.outputs.items() if n not in model.outputs}
+            )
+            sensors = {n: s for n, s in r.sensors.items() if n in model.outputs} or known
+            out.append(_measured_by(r, sensors, {**applied, **r.inputs}))
+        return tuple(out)
 
     def with_records(self, records: Sequence[Record], exclude: Sequence[str] = ()) -> LoadedModel:
         """Copy whose effects are made from these records, or from planned ones.
@@ -165,6 +217,14 @@ class LoadedModel:
         )
 
 
+def _measured_by(
+    record: Record, sensors: Mapping[str, Sensor], inputs: Mapping[str, Array] | None = None
+) -> Record:
+    """A planned record with other sensors, and with other inputs if they are given."""
+    outputs = {n: np.zeros(record.samples) for n in sensors}
+    return replace(record, inputs=inputs or record.inputs, outputs=outputs, sensors=dict(sensors))
+
+
 @checked
 def load_model(
     name: str,
@@ -181,8 +241,8 @@ def load_model(
     defines ``model``, or another name behind a colon: an :class:`unmodeled.Model`, or a function
     ``(time, inputs, parameters) -> {output: values}``. It may define ``effects`` (a sequence of
     :class:`unmodeled.Effect`, or a function of the records that returns one, see
-    :meth:`LoadedModel.with_records`), ``planned`` (possible records) and ``limits`` (a
-    :class:`unmodeled.experiment.Limits`). The file is executed: only use files that you trust.
+    :meth:`LoadedModel.with_records`) and ``planned`` (possible records). The file is executed: only
+    use files that you trust.
 
     Parameters
     ----------
@@ -247,8 +307,7 @@ def _from_file(
     parameters: Mapping[str, tuple[float | None, float, str]],
     unknown: Mapping[str, Any],
 ) -> LoadedModel:
-    """Model, effects, planned runs and limits of a Python file."""
-    from unmodeled.experiment import Limits
+    """Model, effects and planned runs of a Python file."""
     from unmodeled.fit import Model
     from unmodeled.fit.calling import calling
     from unmodeled.fit.model import Origin
@@ -262,9 +321,6 @@ def _from_file(
         effects, fault = ((), "") if made or given is None else _listed(given)
     faults = [] if isinstance(model, Model) else [model]
     faults += [f"effects {fault}"] if fault else []
-    limits = names.get("limits")
-    if limits is not None and not isinstance(limits, Limits):
-        faults.append(f"limits is {type(limits).__name__}, expected an unmodeled.experiment.Limits")
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(map(str, faults)))
     assert isinstance(model, Model)
@@ -274,7 +330,7 @@ def _from_file(
     elif own is None or own.made_by == "Simulator" or given is not None:
         model.origin = Origin("load_model", place)
     planned = tuple(names.get("planned", ()))
-    return LoadedModel(model, effects, planned, limits=limits, made=made, default=given is None)
+    return LoadedModel(model, effects, planned, made=made, default=given is None)
 
 
 def _executed(path: Path) -> dict[str, Any]:

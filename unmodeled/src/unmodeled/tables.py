@@ -21,8 +21,6 @@ from unmodeled.errors import printable
 if TYPE_CHECKING:
     from rich.console import ConsoleOptions, RenderResult
 
-__all__ = ["FittingTable", "Screen", "folded_text", "new_table"]
-
 #: Width between two columns of the box, and around the table [characters].
 BETWEEN, AROUND = 3, 2
 #: Smallest width of a text column, unless there is no alternative [characters].

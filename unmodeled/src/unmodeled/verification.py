@@ -33,8 +33,6 @@ from unmodeled.search.progress import Progress
 from unmodeled.search.records import ready_records
 from unmodeled.search.result import Result
 
-__all__ = ["Repeated", "Verification", "verify"]
-
 #: Two numbers agree if they differ by less than this share of their 95 % interval, or of the
 #: larger one: far below what an answer means, and above the rounding of other processors.
 OF_INTERVAL, OF_VALUE = 0.02, 1e-3

@@ -77,19 +77,20 @@ def test_blind_and_plan_take_what_diagnose_takes(here, capsys):
         'exclude = ["sensor*", "input force"]\nunknown = "offset=m"\n'
         '[parameter]\ngain = "2.1m/N±5%"\n'
     )
-    (here / "limits.toml").write_text(
-        'schema = 1\nduration = "1 s"\nsample_rate = "60 Hz"\n[inputs.force]\nmost = 3.0\n'
-    )
+    ramp = "".join(f"{k / 60:.4f},{k / 20:.3f}\n" for k in range(60))
+    (here / "ramp.csv").write_text("time [s],force [N]\n" + ramp)
     given = ("model.py:line", *DATA, "--config", "case.toml", "--json")
     assert run("blind", *given, "--cases", 2) == 0
     cases = json.loads(capsys.readouterr().out)["cases"]
     assert [(c["effect"], c["outcome"]) for c in cases] == [("", "quiet"), ("offset", "right")]
-    small = ("--limits", "limits.toml", "--candidates", 1, "--refine", 0, "--budget", 1)
-    assert run("plan", *given, *small) == 0
-    assert {c["cause"] for c in json.loads(capsys.readouterr().out)["effects"]} <= {
-        "offset",
-        "gain",
-    }
+    data = [word for name in DATA for word in ("--data", name)]
+    assert run("plan", "model.py:line", "ramp.csv", *data, *given[-3:]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    assert [r["record"] for r in plan["records"]] == ["ramp"]
+    assert {c["cause"] for c in plan["effects"]} <= {"offset", "gain"}
+    assert plan["after"] > plan["before"]
+    assert run("plan", "model.py:line", *given[-3:]) == 2
+    assert "has no planned runs; give files with a time and inputs" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from unmodeled import Effect, LinearModel, Parameter, Sensor
-from unmodeled.experiment import InputLimits, Limits
+from unmodeled import Effect, LinearModel, Parameter, Record, Sensor
 
 SENSORS = {"y": Sensor(name="y", sigma=1.0)}
 SAMPLES = 2000
@@ -25,9 +24,14 @@ def effect(name, column, scale=1.0):
     )
 
 
-def limits(least=0.0, most=1.0, rate=float(SAMPLES), **more):
-    own = InputLimits(least=least, most=most)
-    return Limits(inputs={"u": own}, duration=1.0, sample_rate=rate, lead=0.0, **more)
+def proposed(u, name="ramp", sensors=SENSORS):
+    """A record that could be made, of an input over one second."""
+    u = np.asarray(u)
+    return Record(
+        name=name, time=np.arange(u.size) / u.size, inputs={"u": u}, sensors=sensors,
+        outputs=dict.fromkeys(sensors, 0.0 * u),
+    )  # fmt: skip
 
 
+RAMP = np.linspace(0.0, 1.0, SAMPLES)
 SQUARE, CUBE = effect("square", lambda u: u**2), effect("cube", lambda u: u**3)

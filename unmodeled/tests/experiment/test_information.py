@@ -12,11 +12,11 @@ import pytest
 from unmodeled import LinearModel, Parameter, Record, Sensor, diagnose
 from unmodeled.data import StartPrior
 from unmodeled.errors import InvalidParameter
-from unmodeled.experiment import Belief, design
+from unmodeled.experiment import Belief, plan
 from unmodeled.experiment.information import Knowledge, Study
 from unmodeled.search.problem import RELEASED, TRUSTED
 
-from .models import CUBE, SQUARE, effect, limits, line
+from .models import CUBE, RAMP, SQUARE, effect, line, proposed
 
 TIME = np.arange(400) / 400.0
 U = 0.5 + 0.5 * np.sin(7.0 * TIME)
@@ -153,7 +153,7 @@ def test_reports_of_another_model_and_other_files_are_refused():
         Belief.of_report({"which": {}})
     belief = Belief(weights={}, left={"temperature": (1.0, 2.0)})
     with pytest.raises(InvalidParameter, match="tells of temperature"):
-        design(line(), [SQUARE], limits=limits(), belief=belief)
+        plan(line(), [SQUARE], [proposed(RAMP)], belief=belief)
 
 
 # ---------------------------------------------------------------- what a plan promises
@@ -193,13 +193,13 @@ def test_the_chosen_experiment_raises_the_probability_of_the_right_cause(seed):
     first = diagnose(model, causes, records, hold_out=[])
     assert first.verdict.name == "ONE_OF"
     assert probability(first, "square") < 0.7
-    found = design(
-        model, causes, records, limits=limits(rate=400.0), budget=1, refinements=0, candidates=6,
-        belief=Belief.of_report(first),
-    )  # fmt: skip
-    assert found.before < 0.62
-    assert found.after > 0.95
-    new = measured(found.experiments[0].record, 90 + seed)
+    sensors = {"y": Sensor(name="y", sigma=0.02)}
+    others = [proposed(np.linspace(0.0, 1.0, 400), "ramp", sensors), replace(narrow, name="old")]
+    result = plan(model, causes, others, records, belief=Belief.of_report(first))
+    assert result.before < 0.62
+    assert result.records[0].record.name == "ramp"
+    assert result.records[0].after > 0.95
+    new = measured(result.records[0].record, 90 + seed)
     then = diagnose(model, causes, [*records, new], hold_out=[])
     assert then.verdict.name == "NAMED"
     assert probability(then, "square") > 0.9

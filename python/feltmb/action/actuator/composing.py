@@ -19,8 +19,6 @@ from unmodeled.errors import InvalidParameter
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-__all__ = ["compose", "stand_alone"]
-
 #: Names that the actuator adds; a mechanism must not use them.
 HUB, ARM, TIP = "actuator_hub", "actuator_arm", "actuator_tip"
 COORDINATE = "actuator.hub"

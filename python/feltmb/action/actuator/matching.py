@@ -21,8 +21,6 @@ from unmodeled.errors import InvalidParameter
 if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Match", "MatchParameter", "match"]
-
 KINDS = ("stiffness", "damping", "torque")
 
 #: Forces are compared as means over this time [s], the resolution of a load cell on a key.

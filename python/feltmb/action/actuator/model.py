@@ -44,15 +44,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "DAMPING",
-    "Actuator",
-    "ActuatorRun",
-    "load_actuator",
-    "packaged_actuators",
-    "simulate_actuator",
-]
-
 #: Coefficients of the dampers in thesis sections 5.2.2 and 5.2.3 [N m s/rad].
 DAMPING = {"none": 0.0, "dashpot": 0.0075, "one_sided": 0.05}
 

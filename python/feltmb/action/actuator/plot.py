@@ -13,8 +13,6 @@ from unmodeled.style import CYCLE, GRAY, NORMAL, head_line, new_figure, side_leg
 if TYPE_CHECKING:
     from feltmb.action.actuator.matching import Match
 
-__all__ = ["PANELS", "compare_runs", "plot_match", "plot_run"]
-
 #: name -> (label, factor from SI, outputs with their names)
 PANELS: dict[str, tuple[str, Mapping[str, str]]] = {
     "angle": ("hub angle [deg]", {"hub.angle": ""}),

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     from feltmb.run.results import Run
 
-__all__ = ["head_title", "mark_events", "panel_grid", "set_window"]
-
 
 def head_title(figure: Figure, run: Run, what: str) -> None:
     """Title of a figure: its content and its run."""

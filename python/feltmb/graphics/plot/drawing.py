@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["body_transform", "draw_bodies", "draw_fixed", "draw_joints"]
-
 
 def body_transform(ax: Axes, pose: Pose) -> Any:
     """Transformation from the frame of a body [m] to the axes."""

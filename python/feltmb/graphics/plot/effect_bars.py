@@ -11,8 +11,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = ["effects"]
-
 
 @checked
 def effects(change: pd.Series, unit: str) -> Figure:

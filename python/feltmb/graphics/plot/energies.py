@@ -46,8 +46,6 @@ if TYPE_CHECKING:
 
     from feltmb.run.results import Run
 
-__all__ = ["energy", "loops"]
-
 _STORED = (
     ("kinetic", "kinetic", BLUE),
     ("gravity", "gravity", GREEN),

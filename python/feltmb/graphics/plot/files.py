@@ -17,8 +17,6 @@ from unmodeled.files import check_writable, is_folder, make_folder, write_file
 if TYPE_CHECKING:
     from feltmb.run.results import Run
 
-__all__ = ["PICTURES", "picture_rate", "save_all"]
-
 #: Samples per second with which the loop of a contact of 1 ms is drawn as a curve [Hz].
 SMOOTH_RATE = 40_000.0
 #: Samples of a run above which pictures of long runs get fewer per second.

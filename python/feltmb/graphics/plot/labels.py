@@ -11,8 +11,6 @@ Array = npt.NDArray[np.float64]
 
 Point = tuple[float, float]
 
-__all__ = ["Labels"]
-
 #: Places on a leader, from the anchor to the label, that should not lie in other labels.
 ALONG = tuple(float(t) for t in np.linspace(0.15, 1.0, 7))
 

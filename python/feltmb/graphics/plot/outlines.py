@@ -11,16 +11,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "arc_points",
-    "capsule",
-    "dense_outline",
-    "round_box",
-    "shortest_tree",
-    "spiral",
-    "wrap_angle",
-]
-
 
 def arc_points(center: Array, radius: float, low: float, high: float) -> Array:
     """Points of an arc; the polygon differs from it by less than 1 um."""

@@ -49,8 +49,6 @@ if TYPE_CHECKING:
 
     from feltmb.run.results import Run
 
-__all__ = ["compare", "overview"]
-
 
 @dataclass(frozen=True)
 class _Panel:

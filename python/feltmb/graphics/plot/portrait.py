@@ -56,8 +56,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["mechanism", "moment_of_run", "sketch"]
-
 #: Distance of the points of outlines that labels avoid [pixels].
 SPACING = 5.0
 

@@ -18,26 +18,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "Pose",
-    "Way",
-    "bend",
-    "bent_beams",
-    "body_poses",
-    "contact_rows",
-    "moving_joints",
-    "point_at",
-    "poses_along",
-    "spring_bodies",
-    "station",
-    "strap_curve",
-    "strap_ends",
-    "string_line",
-    "string_reach",
-    "to_body",
-    "to_ground",
-]
-
 Pose = tuple[float, float, float]
 
 

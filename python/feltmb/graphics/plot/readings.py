@@ -21,26 +21,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "LINE",
-    "MOST_LETTERS",
-    "action_window",
-    "busy_window",
-    "contact_label",
-    "contact_numbers",
-    "finger_work",
-    "loaded_contacts",
-    "marked_events",
-    "named_events",
-    "need_output",
-    "need_samples",
-    "need_striker",
-    "repeated_strikes",
-    "run_action",
-    "run_name",
-    "string_window",
-]
-
 
 def need_samples(run: Run) -> None:
     """Raise an error for a run with fewer than two samples."""

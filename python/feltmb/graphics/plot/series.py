@@ -59,20 +59,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "Motion",
-    "contact_forces",
-    "draw_finger",
-    "draw_motion",
-    "draw_speed",
-    "finger_force",
-    "motion",
-    "motions_of",
-    "striker_speed",
-    "string",
-    "view_panels",
-]
-
 #: Colors of the curves of a view, in this order.
 _COLORS = (BLUE, GREEN, PURPLE, RED, ORANGE, *CYCLE)
 

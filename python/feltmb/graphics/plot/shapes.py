@@ -36,18 +36,6 @@ if TYPE_CHECKING:
 
 Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "Scene",
-    "Shape",
-    "body_center",
-    "body_groups",
-    "scene",
-    "shape_points",
-    "station_of",
-    "upper_right_is_free",
-    "view_box",
-]
-
 
 @dataclass(frozen=True)
 class Shape:

@@ -42,17 +42,6 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 Progress = Callable[[float], object]
 
-__all__ = [
-    "MOST_RUNS",
-    "Output",
-    "default_panels",
-    "default_panels_of",
-    "describe",
-    "describe_stage",
-    "output_label",
-    "outputs_of",
-]
-
 MOST_RUNS = 6
 MOST_FRAMES = 2000
 MOST_SAMPLES = 3000  # number of samples of one curve

@@ -21,8 +21,6 @@ from unmodeled.units.quantity import fault_text
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["Curves", "read_curves", "read_each_run"]
-
 MOST_COLUMNS = 1000
 LONGEST = 1e9  # s
 

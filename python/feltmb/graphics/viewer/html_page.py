@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
 Progress = Callable[[float], object]
 
-__all__ = ["assets", "fragment", "page", "policy", "script_of", "view"]
-
 #: Scripts for drawing and for the viewer; the live page uses them too.
 _SCRIPTS = ("elements.js", "packing.js", "stage.js", "curves.js", "viewer.js")
 

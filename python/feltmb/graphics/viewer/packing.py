@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-__all__ = ["MISSING", "pack_columns", "pack_points", "pack_times"]
-
 #: Integer that means a missing value (NaN or infinite).
 MISSING = -32768
 _STEPS = 65534  # from -32767 to 32767

@@ -11,8 +11,6 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
-__all__ = ["extremes", "knots", "thin_outline"]
-
 
 def knots(time: Array, values: Array, tolerance: float, most: int) -> Indices:
     """Indices of samples between which linear interpolation approximates all others.

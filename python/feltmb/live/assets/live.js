@@ -504,7 +504,6 @@ class Live {
     const kinds = !this.hello.strokes.length ? [["free", "by itself"]] : [...this.hello.strokes.map(s => ["packaged " + s, s.replace(/_/g, " ")]),
       ["press", "pressed, a force"], ["strike", "struck, a speed"], ["slow", "slow press and release"],
       ["repeat", "repetition"], ["drawn", "drawn by hand"]];
-    if (p.kind === "planned") kinds.push(["planned", p.name]);
     const set = (what, edit) => this.change("play " + what, n => edit(n.playing), true);
     const kind = choice("what is played", kinds, () => {
       const [k, name] = kind.value.split(" ");

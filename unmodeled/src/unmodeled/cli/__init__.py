@@ -11,7 +11,7 @@ COMMANDS = {
     "check": ("unmodeled.cli.records:check", "Check measured files, also against a model."),
     "diagnose": ("unmodeled.cli.diagnose:run", "Which effect does the model lack, and how large?"),
     "fit": ("unmodeled.cli.diagnose:fit", "Fit parameters to records, with intervals."),
-    "plan": ("unmodeled.cli.plan:plan", "Experiments that identify what a model lacks."),
+    "plan": ("unmodeled.cli.plan:plan", "What proposed records would tell about causes."),
     "verify": ("unmodeled.cli.verify:verify", "Repeat a diagnosis, and compare the answers."),
     "blind": ("unmodeled.cli.diagnose:blind", "Test the diagnosis on simulated machines."),
     "join": ("unmodeled.cli.records:join", "Join two files with two clocks to one record."),

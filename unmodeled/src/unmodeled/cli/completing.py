@@ -10,8 +10,6 @@ from click.shell_completion import CompletionItem, split_arg_string
 
 from unmodeled.loading import extensions
 
-__all__ = ["matching", "models", "settings", "words"]
-
 
 def matching(names: Iterable[str], incomplete: str) -> list[CompletionItem]:
     """Names that begin with the word; files too, if the shell finds no name."""

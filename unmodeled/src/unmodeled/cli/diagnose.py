@@ -57,8 +57,6 @@ if TYPE_CHECKING:
     from unmodeled.loading import LoadedModel
     from unmodeled.search.result import Case
 
-__all__ = ["blind", "fit", "floors", "run"]
-
 #: Endings of files for a remedy; another name is that of a folder. Lines of a difference.
 REMEDIES = (".toml", ".xml")
 DIFF = 60

@@ -29,23 +29,6 @@ from unmodeled.loading import LoadedModel, load_model
 if TYPE_CHECKING:
     from unmodeled.data import Record
 
-__all__ = [
-    "DATA",
-    "EXCLUDE",
-    "HOLD_OUT",
-    "MEASURED",
-    "MODEL",
-    "READING",
-    "RUNNING",
-    "STATED",
-    "Running",
-    "Stated",
-    "config_option",
-    "effects",
-    "held_out",
-    "load_named",
-]
-
 # --- options -------------------------------------------------------------------------------------
 
 MODEL = argument(complete=completing.models)

@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from unmodeled.cli.models import Stated
     from unmodeled.data import ReadOptions, Record
 
-__all__ = ["check", "join"]
-
 
 @declare("check", short="Check measured DATA, also against a model, before any fit.")
 def check(

@@ -15,8 +15,6 @@ import click
 
 from unmodeled.blas import one_thread_from_the_start
 
-__all__ = ["LazyGroup", "run", "version_option"]
-
 #: command -> (module and object in it, one line of help)
 Commands = Mapping[str, tuple[str, str]]
 

@@ -22,31 +22,6 @@ if TYPE_CHECKING:
     from unmodeled import Progress
     from unmodeled.tables import FittingTable
 
-__all__ = [
-    "Line",
-    "ProgressLine",
-    "as_json_option",
-    "check_targets",
-    "collected_json",
-    "complain",
-    "console",
-    "finite",
-    "is_terminal",
-    "named",
-    "names_of_files",
-    "pretty",
-    "print_json",
-    "redraw",
-    "save_figure",
-    "save_text",
-    "say",
-    "say_written",
-    "show",
-    "table",
-    "warn",
-    "working",
-]
-
 #: Length of an unlimited line [characters].
 UNFOLDED = 10_000
 

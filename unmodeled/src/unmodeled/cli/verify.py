@@ -11,8 +11,6 @@ from unmodeled.cli.completing import models
 from unmodeled.cli.options import argument, declare, option, positive
 from unmodeled.cli.screen import ProgressLine, print_json, say
 
-__all__ = ["verify"]
-
 
 @declare("verify")
 def verify(

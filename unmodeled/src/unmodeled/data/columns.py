@@ -31,8 +31,6 @@ from unmodeled.files.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
 from unmodeled.units import split_column
 from unmodeled.units.quantity import fault_text, shortened
 
-__all__ = ["MEASURED_FILES", "MOST_NUMBERS", "Columns", "read_columns"]
-
 _TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".mot", ".sto", ".tra")
 #: Tables of text cells: texts, and workbooks.
 _TABLES = (*_TEXTS, ".xlsx")

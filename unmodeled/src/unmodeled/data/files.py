@@ -43,17 +43,6 @@ from unmodeled.units import (
 )
 from unmodeled.units.quantity import fault_text, shortened, validated
 
-__all__ = [
-    "build_records",
-    "read",
-    "read_each",
-    "read_record",
-    "read_records",
-    "read_sheet",
-    "write_record",
-]
-
-
 MOST_RUNS = 1000  # of a file
 
 

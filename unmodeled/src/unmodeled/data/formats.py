@@ -20,8 +20,6 @@ from unmodeled.units import split_column
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["add_block", "columns_of_frame", "needs", "read_frame", "read_messages"]
-
 #: Columns of LeRobot that only count, beside the number of the episode.
 _COUNTERS = ("frame_index", "index", "task_index")
 #: Largest number of columns of one array.

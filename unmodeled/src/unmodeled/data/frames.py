@@ -20,8 +20,6 @@ from unmodeled.units.quantity import fault_text
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["record_from_frame", "records_from_frame"]
-
 
 @checked
 def records_from_frame(

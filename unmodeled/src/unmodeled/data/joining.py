@@ -11,8 +11,6 @@ from unmodeled.arguments import checked
 from unmodeled.data.records import Array, InputMode, Record
 from unmodeled.errors import DataError, InvalidParameter
 
-__all__ = ["Clocks", "align_clocks", "fit_clocks", "join_records"]
-
 #: Steps of the median size above which samples are missing.
 MOST_STEPS = 5.0
 #: Samples of the rest before a motion; multiple of their noise, and shares of the range, that the

@@ -11,13 +11,12 @@ from typing import Any
 import numpy as np
 
 from unmodeled.data.records import Array, InputMode
-from unmodeled.data.series import Columns, plain_name
+from unmodeled.data.series import Columns
 from unmodeled.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
+from unmodeled.data.tables import plain_name
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.units import PIXEL, conversion_factor, spelled_unit
 from unmodeled.units.quantity import fault_text, shortened, validated
-
-__all__ = ["Signals", "clock_column", "run_column", "sheet_for", "unit_of_column", "values_in"]
 
 _FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
 _RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test",

@@ -16,8 +16,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["ReadingError", "acting", "true_input"]
-
 Array = NDArray[np.float64]
 ReadingError = Literal["delay", "gain", "offset"]
 

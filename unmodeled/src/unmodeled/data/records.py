@@ -21,19 +21,6 @@ from unmodeled.lazy import lazy_import
 if TYPE_CHECKING:
     pass
 
-__all__ = [
-    "NOT_OF_INPUTS",
-    "Array",
-    "InputMode",
-    "Integers",
-    "Record",
-    "Reference",
-    "Role",
-    "Sensor",
-    "StartPrior",
-    "evenly_spaced",
-]
-
 Array = NDArray[np.float64]
 V = TypeVar("V")
 Integers = NDArray[np.intp]

@@ -19,15 +19,6 @@ from unmodeled.errors import DataError
 from unmodeled.units import spelled_unit, split_column
 from unmodeled.units.quantity import shortened
 
-__all__ = [
-    "MOST_NUMBERS",
-    "Columns",
-    "columns_of",
-    "limit_text",
-    "plain_name",
-    "seconds_of_day",
-]
-
 MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times as much
 #: Largest number of faults that are listed of a column.
 MOST_FAULTS = 1000

@@ -12,8 +12,6 @@ from unmodeled.arguments import checked
 from unmodeled.data.records import Reference
 from unmodeled.units.quantity import Schema
 
-__all__ = ["ColumnSpec", "InputSpec", "OutputSpec", "ReadOptions", "Sheet"]
-
 
 class ColumnSpec(Schema):
     """A column of the file and its unit."""

@@ -19,8 +19,6 @@ from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
 from unmodeled.errors import DataError
 from unmodeled.units import PIXEL
 
-__all__ = ["sketch_sheet"]
-
 
 def sketch_sheet(
     path: Path, signals: Signals | None = None, options: ReadOptions | None = None

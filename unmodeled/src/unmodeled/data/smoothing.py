@@ -16,17 +16,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = [
-    "LEAST_SAMPLES",
-    "NEAR",
-    "WINDOW",
-    "noise_in_difference",
-    "noise_of_record",
-    "smooth_record",
-    "start_of",
-    "still_samples",
-]
-
 #: Smallest number of samples for an estimate of noise.
 LEAST_SAMPLES = 12
 #: Two values within this number of standard deviations of the noise are equal.

@@ -23,19 +23,6 @@ from numpy.typing import NDArray
 from unmodeled.errors import DataError
 from unmodeled.units import spelled_unit, split_column
 
-__all__ = [
-    "MISSING",
-    "Lines",
-    "Table",
-    "are_units",
-    "numbered_rows",
-    "plain_name",
-    "read_number",
-    "read_table",
-    "style_of",
-    "text_lines",
-]
-
 MISSING = ("", "nan", "NaN", "NA", "N/A", "n/a", "-", "--")
 #: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
 _STYLES: tuple[tuple[str | None, str], ...] = (

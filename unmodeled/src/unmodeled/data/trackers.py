@@ -15,8 +15,6 @@ from unmodeled.data.tables import Lines, read_number, read_table
 from unmodeled.errors import DataError
 from unmodeled.units import PIXEL, split_column
 
-__all__ = ["read_tracked"]
-
 _KINOVEA_TEXT = "#kinovea trajectory data export"
 _SEPARATORS = ("\t", ",", ";")
 

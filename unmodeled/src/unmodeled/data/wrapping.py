@@ -8,8 +8,6 @@ import numpy as np
 
 from unmodeled.data.records import Array
 
-__all__ = ["unwrapped", "wrap_of"]
-
 #: Periods of counters with a number of bits.
 _COUNTERS = {float(2**bits): f"a counter of {bits} bits" for bits in (8, 10, 12, 14, 16, 24, 32)}
 #: Periods of angles, in the units of a record.

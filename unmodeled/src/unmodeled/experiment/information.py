@@ -47,8 +47,6 @@ from unmodeled.search.records import as_parameter, causes_of, problem_of, ready_
 from unmodeled.search.result import Result
 from unmodeled.search.variation import varies, with_variation
 
-__all__ = ["Aim", "Belief", "Information", "Knowledge", "Study"]
-
 Aim = Literal["names", "sizes"]
 
 #: Magnitudes of a cause that are assumed before there are data [scales].
@@ -309,7 +307,7 @@ class Study:
         linears = tuple(evaluate(problem, [Ask(self.members, point(), problem.fit, further)])[0])
         if any(linear.failed for linear in linears):
             raise InvalidParameter(f"record {record.name}: its simulation failed")
-        return Information(self, problem, point(), linears, dict.fromkeys(problem.names, 1.0))
+        return Information(self, problem, point(), linears)
 
 
 def expected_sensor(sensor: Sensor, values: Array) -> Sensor:
@@ -321,23 +319,19 @@ def expected_sensor(sensor: Sensor, values: Array) -> Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Information:
-    """What one record tells, as a function of how its channels are measured."""
+    """What one record tells."""
 
     study: Study
     problem: Problem
     point: Point
     linears: tuple[Linear, ...]
-    read: Mapping[str, float]
-    """Noise by output that is read, in multiples of that of its sensor [1]."""
-    planned: bool = False
-    """Whether it is a record that could be made."""
     _known: dict[bytes, Array] = field(default_factory=dict, repr=False)
 
     @property
     def samples(self) -> dict[str, float]:
-        """Number of values by output that is read."""
-        own = dict(zip(self.problem.names, self.problem.samples, strict=True))
-        return {n: float(v) for n, v in own.items() if n in self.read}
+        """Number of values by output."""
+        pairs = zip(self.problem.names, self.problem.samples, strict=True)
+        return {n: float(v) for n, v in pairs}
 
     def matrix(self, samples: Mapping[str, float]) -> Array:
         """Information over the shared unknowns and all hypotheses, in their scales.
@@ -345,7 +339,7 @@ class Information:
         ``samples``: number of values by output of all records that are diagnosed together.
         """
         known = self._shares(samples)
-        share = np.array([known[n] if n in self.read else 0.0 for n in self.problem.names])
+        share = np.array([known[n] for n in self.problem.names])
         key = share.tobytes()
         if key not in self._known:
             self._known[key] = self._computed(share)
@@ -362,7 +356,7 @@ class Information:
         for i, name in enumerate(samples):
             noise, left = (0.0, 0.0) if belief is None else belief.left.get(name, (0.0, 0.0))
             square[i] += max(left**2 - noise**2, 0.0) / (sd.get(name) or noise or 1.0) ** 2
-        random = np.array([self.read.get(n, 1.0) ** 2 for n in samples]) / number
+        random = 1.0 / number
         return dict(
             zip(samples, precision(square, random, self.problem.worth) / number, strict=True)
         )

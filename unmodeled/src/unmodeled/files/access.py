@@ -19,30 +19,6 @@ from typing import Any
 
 from unmodeled.errors import DataError, Error, FileExists, InvalidParameter
 
-__all__ = [
-    "LARGEST_FILE",
-    "LARGEST_TABLE",
-    "NPZ_FAULTS",
-    "beside",
-    "check_folder",
-    "check_suffix",
-    "check_writable",
-    "is_file",
-    "is_folder",
-    "make_folder",
-    "named_file",
-    "open_input",
-    "parse_toml",
-    "plain_text",
-    "read_input",
-    "read_json",
-    "read_npz",
-    "read_text",
-    "read_toml",
-    "write_file",
-    "write_text",
-]
-
 LARGEST_TOML = 10_000_000  # bytes
 LARGEST_TABLE = 200_000_000  # bytes of a CSV file
 LARGEST_JSON = 100_000_000  # bytes

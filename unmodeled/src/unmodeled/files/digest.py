@@ -11,8 +11,6 @@ from typing import Any
 
 from unmodeled.errors import DataError
 
-__all__ = ["digest_of", "package_digest"]
-
 
 def digest_of(*parts: object) -> str:
     """SHA-256 of texts, numbers, arrays, and lists and mappings of them.

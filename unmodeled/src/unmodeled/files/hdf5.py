@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-__all__ = ["HDF5_FAULTS", "Hdf5Dataset", "Hdf5File", "open_hdf5"]
-
 #: Exceptions of h5py for a damaged file.
 HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError,
                NotImplementedError, MemoryError)  # fmt: skip

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
     Array = npt.NDArray[np.float64]
 
-__all__ = ["Variable", "encode"]
-
 _COUNT = itertools.count()
 
 

@@ -12,8 +12,6 @@ from typing import Any
 from unmodeled.errors import printable
 from unmodeled.files.access import LARGEST_FILE, is_file, open_input, read_json, write_text
 
-__all__ = ["Store"]
-
 #: Number of letters of a key in its file name: unique, and short enough for every file system.
 NAME_LENGTH = 40
 

@@ -45,8 +45,6 @@ from unmodeled.fit.traces import (
     untraced_reason,
 )
 
-__all__ = ["sensitivities", "simulated"]
-
 #: Largest difference between a simulated change and its prediction, relative to the change.
 SMALL = 0.1
 

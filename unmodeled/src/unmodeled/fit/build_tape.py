@@ -8,8 +8,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-__all__ = ["NAME", "SOURCE", "compile_tape"]
-
 SOURCE = Path(__file__).with_name("tape.cpp")
 #: Name of the shared object, next to the source.
 NAME = "_tape.dll" if sys.platform == "win32" else "_tape.so"

@@ -31,16 +31,6 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.runs import StoredRuns
 
-__all__ = [
-    "Latest",
-    "Means",
-    "Run",
-    "Runner",
-    "calling",
-    "cores",
-    "explained",
-]
-
 
 class calling:
     """Turn an exception in the block into one message: ``with calling("model arm: its rates"):``.

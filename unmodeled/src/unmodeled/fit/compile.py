@@ -9,8 +9,6 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.fit.build_tape import SOURCE, compile_tape
 from unmodeled.fit.compiled import library
 
-__all__ = ["build"]
-
 
 def build(folder: Path | None = None) -> Path:
     """Compile the integrator with the C++ compiler of the machine.

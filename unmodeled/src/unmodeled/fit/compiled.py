@@ -21,8 +21,6 @@ from unmodeled.fit.build_tape import NAME, SOURCE
 from unmodeled.fit.program import Program
 from unmodeled.fit.tape import NAMES
 
-__all__ = ["NAME", "SOURCE", "library", "loaded", "run"]
-
 #: Version of the lists, and number of the operations.
 VERSION = 200 + len(NAMES)
 #: Set to a value, this variable of the environment turns the extension off.

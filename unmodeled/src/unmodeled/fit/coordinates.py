@@ -11,8 +11,6 @@ from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 from unmodeled.units import same_unit, spelled_unit, to_si
 
-__all__ = ["Coordinate", "Coupling", "Named", "Rate"]
-
 
 def _turns(unit: str) -> bool:
     """Whether a force in this unit is a torque or an angular acceleration."""

@@ -44,16 +44,6 @@ from unmodeled.fit.priors import (
 from unmodeled.fit.traces import System, Traces, untraced
 from unmodeled.units import same_unit, to_si
 
-__all__ = [
-    "Equations",
-    "Trial",
-    "by_rates",
-    "resolved",
-    "states_of",
-    "trial",
-    "with_unknown",
-]
-
 
 @checked
 class Equations(Model):

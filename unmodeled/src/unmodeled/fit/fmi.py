@@ -23,8 +23,6 @@ from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 from unmodeled.units import spelled_unit
 
-__all__ = ["fmu"]
-
 #: Relative tolerance of model exchange: derivatives are differences of runs, and the integrator
 #: starts anew at each sample with inputs (errors of 1e-5 at 200 samples).
 RTOL = 1e-8

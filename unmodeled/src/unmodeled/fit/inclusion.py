@@ -25,8 +25,6 @@ from unmodeled.fit.model import (
     State,
 )
 
-__all__ = ["Including", "including"]
-
 
 @checked
 def including(

@@ -32,15 +32,6 @@ from unmodeled.fit.inclusion import including
 from unmodeled.fit.model import Effect, Model
 from unmodeled.units.quantity import Schema, fault_lines, fault_text, parse_scalar
 
-__all__ = [
-    "InStatedUnit",
-    "Measured",
-    "TableReader",
-    "no_test_of",
-    "read_measured",
-    "with_measured",
-]
-
 #: Number of known names in a message.
 MOST_NAMES = 20
 

@@ -21,8 +21,6 @@ from unmodeled.fit.model import Candidate, Origin, Ready
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 
-__all__ = ["MujocoModel", "mujoco"]
-
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.
 STEP_ERROR, OF_SPREAD = 0.3, 0.01

@@ -13,18 +13,6 @@ import numpy as np
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 
-__all__ = [
-    "BACKLASH",
-    "Property",
-    "add_backlash",
-    "controls",
-    "import_mujoco",
-    "name_actuators",
-    "properties",
-    "quiet",
-    "set_properties",
-]
-
 #: Share of the inertia of a joint that its backlash joint gets as armature; time constant of the
 #: limits of the clearance [s], at least two time steps.
 ARMATURE, CONTACT = 0.01, 4e-3

@@ -15,8 +15,6 @@ from pathlib import Path
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import LARGEST_JSON, open_input, read_input
 
-__all__ = ["outside_parts"]
-
 #: Largest size of all files of a model [bytes]; largest number of numbers in a height field or
 #: texture, of copies of a part, and of files.
 LARGEST, NUMBERS, COPIES, FILES = 2_000_000_000, 100_000_000, 20_000, 10_000

@@ -28,8 +28,6 @@ from unmodeled.fit.mjcf_changes import (
 )
 from unmodeled.fit.mjcf_parts import outside_parts
 
-__all__ = ["Mjcf"]
-
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.
 STEPS, WORTH_A_THREAD = 20_000, 2_000

@@ -25,34 +25,6 @@ from unmodeled.files import check_suffix, write_text
 from unmodeled.fit.coordinates import Coordinate, Coupling
 from unmodeled.lazy import lazy_import
 
-__all__ = [
-    "BETWEEN",
-    "INTERPOLATION",
-    "Batch",
-    "Candidate",
-    "Effect",
-    "EffectKind",
-    "Jobs",
-    "Model",
-    "Origin",
-    "Parameter",
-    "Port",
-    "Ready",
-    "Sensitivity",
-    "SensitivityRequest",
-    "ShapeChange",
-    "State",
-    "UserUnit",
-    "changed_jobs",
-    "changed_runs",
-    "difference_offsets",
-    "difference_sensitivities",
-    "prior_jobs",
-    "reshaped",
-    "sensitivity_of",
-    "start_in",
-]
-
 #: Component name of parameters of the interpolation of inputs between samples.
 INTERPOLATION = "interpolation of inputs"
 #: Prefix of the parameter of an input that is the share of a spline in its interpolation.

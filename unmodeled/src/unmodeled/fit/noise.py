@@ -9,14 +9,6 @@ import numpy as np
 
 from unmodeled.data import Array, Record, Sensor
 
-__all__ = [
-    "Noise",
-    "noise_of",
-    "rms_of_measured",
-    "rounding_error",
-    "sd_of_knots",
-]
-
 #: Samples on each side of a sample that determine its value without noise; distance in standard
 #: deviations of the noise beyond which it disagrees with the measured value.
 NEIGHBORS, AGREES = 4, 3.5

@@ -23,18 +23,6 @@ from unmodeled.fit.model import (
     difference_sensitivities,
 )
 
-__all__ = [
-    "continued",
-    "delayed",
-    "low_passed",
-    "machine_candidates",
-    "motion",
-    "observe",
-    "observe_all",
-    "observed_sensitivities",
-    "shifted",
-]
-
 
 def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
     """Candidates that the model itself must simulate, i.e. no sensor or input effects."""

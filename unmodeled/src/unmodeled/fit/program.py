@@ -15,8 +15,6 @@ from unmodeled.fit.model import BETWEEN, difference_offsets
 from unmodeled.fit.tape import NAMES, TABLES, Code, Fragment, Target, Traced
 from unmodeled.fit.traces import Form, Key, Kind, System, Traces, own_trace, port_trace, traced_of
 
-__all__ = ["Program", "program_of"]
-
 
 @dataclass(eq=False)
 class Program:

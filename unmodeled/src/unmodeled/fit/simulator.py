@@ -43,15 +43,6 @@ from unmodeled.fit.priors import (
 )
 from unmodeled.units import same_unit
 
-__all__ = [
-    "FunctionModel",
-    "LinearModel",
-    "Simulator",
-    "Step",
-    "choose_step",
-    "noise_of_function",
-]
-
 #: Steps that are tried for a parameter; spacing of the values from which the noise of the function
 #: is estimated, as shares of the scales; number of spacings.
 TRIAL, SPACING, SPACINGS = 0.1, 1e-3, 6

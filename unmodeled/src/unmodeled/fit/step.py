@@ -15,8 +15,6 @@ from unmodeled.fit.program import Program
 from unmodeled.fit.scalar import MOST, marched
 from unmodeled.fit.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
 
-__all__ = ["METHODS", "Lanes", "Method", "Runs", "in_numpy", "plain", "run"]
-
 
 @dataclass(frozen=True, eq=False)
 class Method:

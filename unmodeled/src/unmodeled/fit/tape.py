@@ -17,18 +17,6 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 
-__all__ = [
-    "ARGUMENTS",
-    "FUNCTIONS",
-    "NAMES",
-    "TABLES",
-    "Code",
-    "Fragment",
-    "NotTraceable",
-    "Symbol",
-    "Tape",
-]
-
 Code = NDArray[np.int32]
 #: A quantity of a tape: its place among the nodes.
 Node = int

@@ -17,23 +17,6 @@ from unmodeled.fit.coordinates import Named, Rate
 from unmodeled.fit.model import BETWEEN, Candidate, Effect, State
 from unmodeled.fit.tape import NotTraceable, Symbol, Tape, Traced
 
-__all__ = [
-    "Form",
-    "Kind",
-    "System",
-    "Traces",
-    "changes_of",
-    "check_names",
-    "floats_of",
-    "form_of",
-    "own_trace",
-    "port_trace",
-    "rates_of",
-    "traced_of",
-    "untraced",
-    "untraced_reason",
-]
-
 Key = tuple[Any, ...]
 Push = Callable[[Any, Any, Named, Named, Named], Mapping[str, Any]]
 

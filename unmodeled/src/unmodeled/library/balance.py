@@ -24,8 +24,6 @@ from unmodeled.library.forces import (
     offset_force,
 )
 
-__all__ = ["slip_along"]
-
 #: Speeds by record and position, as long as the record exists.
 _speeds: WeakKeyDictionary[Record, dict[str, Array]] = WeakKeyDictionary()
 

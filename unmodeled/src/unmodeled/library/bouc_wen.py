@@ -11,8 +11,6 @@ from unmodeled.data import Array
 from unmodeled.fit import Effect, Named, State
 from unmodeled.library.forces import Part, Scales, product
 
-__all__ = ["FOR_COORDINATE", "bouc_wen"]
-
 #: Largest stretch, in typical travels: a law that softens while it loads would grow without end.
 LONGEST = 20.0
 #: The second number of the shape is ``AWAY + gamma / beta``, which is positive.

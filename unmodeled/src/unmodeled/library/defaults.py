@@ -26,8 +26,6 @@ from unmodeled.library import (
 )
 from unmodeled.units import same_unit
 
-__all__ = ["candidates", "chosen_effects"]
-
 #: Share of the values below the typical size of a quantity [1].
 TYPICAL = 0.98
 #: Typical loss of a level by a missing flow, as a share of its own rate [1].

@@ -37,8 +37,6 @@ from unmodeled.report.petab import write_petab
 from unmodeled.search.options import Options
 from unmodeled.search.result import Result
 
-__all__ = ["Given", "as_made", "as_stored", "file_and_name", "sha256_of", "versions"]
-
 #: Format and version of case.json.
 FORMAT, VERSION = "unmodeled case", 1
 #: Fields of an effect that are stored: numbers and words, which can be disputed without its code.

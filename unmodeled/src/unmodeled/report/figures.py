@@ -29,8 +29,6 @@ from unmodeled.units import readable_unit
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["comparison", "correlation", "residual_force", "residuals", "steps", "svg", "waterfall"]
-
 WIDTH = 9.0  # inches
 #: Largest number of channels of a comparison.
 CHANNELS = 24

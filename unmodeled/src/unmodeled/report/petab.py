@@ -12,8 +12,6 @@ from unmodeled.files import make_folder, write_text
 from unmodeled.fit.model import Effect, Parameter
 from unmodeled.search.result import Result
 
-__all__ = ["write_petab"]
-
 #: Smallest probability of a set: that of others is rounded to zero.
 LEAST = 1e-300
 #: Name of the model space.

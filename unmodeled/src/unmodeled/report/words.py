@@ -8,20 +8,6 @@ from collections.abc import Sequence
 from unmodeled.search.result import Change, Channel, Named, ParameterValue
 from unmodeled.units import readable_unit
 
-__all__ = [
-    "clause",
-    "interval",
-    "joined",
-    "number",
-    "part",
-    "percent",
-    "scale",
-    "size_in",
-    "tabulated",
-    "times_noise",
-    "turns_of_a_screw",
-]
-
 #: Shares of a turn as words.
 TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters of a turn",
          1.0: "one turn"}  # fmt: skip

@@ -23,8 +23,6 @@ from unmodeled.search.problem import Observed, Problem, rms_of
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import ParameterValue, Without
 
-__all__ = ["Explained", "explain", "smallest"]
-
 #: Largest number of parameters of an answer, and of equivalents of one.
 MOST, EQUIVALENTS = 6, 3
 #: Posterior odds that a parameter needs against none of the others, and odds to the best one up to

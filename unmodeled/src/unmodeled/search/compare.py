@@ -30,17 +30,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-__all__ = [
-    "Comparison",
-    "check",
-    "compared",
-    "hints",
-    "join_by_motion",
-    "refuse",
-    "row_of",
-    "simulated",
-]
-
 #: Largest number of alignments of clocks; smallest standard deviation of their offset [s].
 ROUNDS, CLOCK_SD = 4, 2e-3
 

@@ -23,22 +23,6 @@ from unmodeled.data import Array
 from unmodeled.search.linear import Linear, Point, count_global, local_of
 from unmodeled.search.problem import RELEASED, Members, Observed, Problem
 
-__all__ = [
-    "Fitted",
-    "Prior",
-    "System",
-    "best_of",
-    "effective_share",
-    "local_penalty",
-    "log_evidence",
-    "log_odds",
-    "misfit",
-    "precision",
-    "prior_of",
-    "system",
-    "weights",
-]
-
 #: Degrees of freedom of the Student t prior of magnitudes.
 DEGREES = 4.0
 #: Share of what chance allows that counts as discrepancy: the records cannot exclude it [1].

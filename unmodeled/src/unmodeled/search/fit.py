@@ -29,8 +29,6 @@ from unmodeled.search.linear import Ask, Linear, Point, count_global, evaluate, 
 from unmodeled.search.problem import Members, Observed, Problem
 from unmodeled.search.progress import Stop
 
-__all__ = ["Start", "first_step", "fit_local", "fit_sets", "together"]
-
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
 #: Largest number of steps, and largest change of the logarithm of the noise at the end.

@@ -13,8 +13,6 @@ from unmodeled.search.fit import fit_local, together
 from unmodeled.search.linear import Point, local_of
 from unmodeled.search.problem import Problem
 
-__all__ = ["Predicted", "compare", "predict"]
-
 #: Random blocks of the interval of a comparison.
 DRAWS = 400
 

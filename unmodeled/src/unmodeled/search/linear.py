@@ -24,22 +24,6 @@ from unmodeled.fit.model import (
 from unmodeled.fit.observe import delayed, machine_candidates, observe_all, observed_sensitivities
 from unmodeled.search.problem import Local, Members, Observed, Problem
 
-__all__ = [
-    "Ask",
-    "Linear",
-    "Point",
-    "evaluate",
-    "local_of",
-    "magnitudes_at",
-    "movable",
-    "moved",
-    "request_at",
-    "shapes_of",
-    "spread_of",
-    "start_states",
-    "unknowns_of",
-]
-
 #: Values above this limit count as diverged; their squares would overflow.
 RUNAWAY = 1e100
 #: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count

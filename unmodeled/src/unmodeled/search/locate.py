@@ -31,8 +31,6 @@ from unmodeled.search.problem import Local, Observed, Problem, rms_of
 from unmodeled.search.result import Cell, Event, Place
 from unmodeled.search.score import directions
 
-__all__ = ["cells", "events", "most_different", "places"]
-
 #: Number of parts of a record of a model without events, and smallest number of samples of a part.
 PARTS, SHORTEST = 6, 8
 #: Knots of a force over a record, and the length of its correlation [spacings of the knots].

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["Options"]
-
 
 @checked
 @dataclass(frozen=True, kw_only=True)

@@ -19,18 +19,6 @@ from numpy.typing import NDArray
 from unmodeled.data import Array, Record
 from unmodeled.fit.model import Candidate, Effect, Model
 
-__all__ = [
-    "RELEASED",
-    "STRICT",
-    "TRUSTED",
-    "Cause",
-    "Local",
-    "Member",
-    "Members",
-    "Observed",
-    "Problem",
-]
-
 #: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
 RELEASED = 5.0
 #: Scales of a start state that is not known: as good as any value.

@@ -12,8 +12,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["Limit", "Meter", "Progress", "Stop"]
-
 #: Typical share of the time of a diagnosis at the end of each stage [1].
 ENDS = {
     "prepare": 0.2,

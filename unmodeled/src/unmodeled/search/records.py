@@ -30,19 +30,6 @@ from unmodeled.search.problem import (
 )
 from unmodeled.units import same_unit, weight_hint
 
-__all__ = [
-    "as_parameter",
-    "causes_of",
-    "check_records",
-    "noise_of_channel",
-    "prepare",
-    "problem_of",
-    "ready_records",
-    "same_number",
-    "split_records",
-    "wrap_text",
-]
-
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
 WRONG_STATEMENT = 0.05

@@ -13,17 +13,6 @@ from unmodeled.search.evidence import Fitted, prior_of, system, weights
 from unmodeled.search.linear import Ask, evaluate
 from unmodeled.search.problem import RELEASED, Member, Members, Problem
 
-__all__ = [
-    "Directions",
-    "Score",
-    "by_record",
-    "directions",
-    "equivalents",
-    "index_of",
-    "pairs",
-    "scores",
-]
-
 #: Number of causes whose derivatives are computed at a further fit.
 LIKELY = 24
 #: Weight of the prior of a magnitude in a score: where a model is far off, the causes are large.

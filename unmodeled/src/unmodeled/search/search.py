@@ -42,8 +42,6 @@ from unmodeled.search.score import (
     scores,
 )
 
-__all__ = ["Searched", "model_alone", "rank", "search", "with_all_records"]
-
 #: Log evidence that a larger set must gain, and that a change must gain.
 WORTH, BETTER = 0.5, 0.1
 #: Share of the limit of time after which the search ends; the rest is for the held-out records.

@@ -19,8 +19,6 @@ from unmodeled.search.fit import empty_point
 from unmodeled.search.linear import Ask, Point, request_at
 from unmodeled.search.problem import Local, Members, Observed, Problem
 
-__all__ = ["varies", "with_variation"]
-
 #: Largest number of knots of the noise of an input, and of modes of a record.
 KNOTS, MODES = 120, 25
 #: Smallest size of a mode, in standard deviations of the noise over all samples of a record.

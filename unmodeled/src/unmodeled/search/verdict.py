@@ -50,8 +50,6 @@ from unmodeled.search.result import (
 from unmodeled.search.score import by_record, index_of
 from unmodeled.search.search import Searched, rank, with_all_records, without_one
 
-__all__ = ["judge"]
-
 #: Number of sets that are fitted to all records, and the probability that they have at least.
 PREDICTED, UNLIKELY = 8, 1e-3
 #: Largest number of members of a class that is told.

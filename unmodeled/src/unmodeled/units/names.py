@@ -15,22 +15,6 @@ from functools import lru_cache
 from unmodeled.arguments import AnyNumber, checked, text_readers
 from unmodeled.errors import InvalidParameter
 
-__all__ = [
-    "ACCEPTED_UNITS",
-    "TEMPERATURE_SCALES",
-    "conversion_factor",
-    "convert",
-    "dimension_text",
-    "number_and_unit",
-    "readable_unit",
-    "si_value",
-    "split_quantity",
-    "to_si",
-    "unit_suffix",
-    "weight_hint",
-    "zero_and_factor",
-]
-
 #: Dimensions. Radians are one, because an angle is not a plain number. Counts of a converter and
 #: decibels measure nothing else.
 _BASES = ("m", "kg", "s", "rad", "A", "K", "mol", "counts", "dB")

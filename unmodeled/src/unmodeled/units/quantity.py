@@ -32,25 +32,6 @@ if TYPE_CHECKING:
 else:
     ModelMetaclass = type(BaseModel)
 
-__all__ = [
-    "META_KEYS",
-    "MOST_FAULTS",
-    "SI",
-    "Count",
-    "JointSI",
-    "SIVector",
-    "Schema",
-    "fault_lines",
-    "fault_text",
-    "is_quantity",
-    "keys_of",
-    "parse_scalar",
-    "shortened",
-    "table_at",
-    "unit_of",
-    "validated",
-]
-
 S = TypeVar("S", bound=BaseModel)
 
 META_KEYS = frozenset({"value", "unit", "source", "status", "note", "printed", "sd"})

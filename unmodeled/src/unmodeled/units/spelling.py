@@ -9,8 +9,6 @@ from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.units.names import ACCEPTED_UNITS, conversion_factor, to_si
 
-__all__ = ["PIXEL", "same_unit", "spelled_unit", "split_column"]
-
 #: Not a unit until its size is known.
 PIXEL = "px"
 
