@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["HAMMERS", "Hammer", "hammer"]
-
 KEYS = 88
 
 

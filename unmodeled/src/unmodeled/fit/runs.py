@@ -19,9 +19,6 @@ from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import Store, digest_of, is_file
 
-__all__ = ["StoredRuns"]
-
-#: Version of the stored form.
 FORM = 1
 
 
