@@ -45,7 +45,7 @@ effects = (
     library.quadratic_friction(slide, scale=2.5),
     library.polynomial_stiffness(slide, 3, scale=1e4),
     library.offset_force(slide, scale=0.1),
-    library.sensor_gain(["q"], "q"),
+    library.sensor_fault(["q"], "q", "gain"),
 )
 
 

@@ -13,7 +13,7 @@ import pytest
 HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
-GROUND = "errors units arguments lazy files figure style tables"
+GROUND = "errors units arguments lazy files figure style tables chain"
 MODEL = "errors _core params fiber contact mechanism display"
 RUN = f"{MODEL} run"
 
@@ -48,6 +48,7 @@ MAY_USE = {
         "figure": "",
         "tables": "errors",
         "style": "errors figure",
+        "chain": "errors",
         "data": GROUND,
         "fit": f"{GROUND} data",
         "library": f"{GROUND} data fit",

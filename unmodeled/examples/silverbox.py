@@ -30,8 +30,8 @@ model = Equations(
 )
 effects = (
     *library.for_coordinate(mass, force=0.1 * FREQUENCY**2, travel=0.1, speed=40.0, time=0.02),
-    library.sensor_offset(["y"], "y", unit="V", scale=0.001),
-    library.sensor_gain(["y"], "y"),
-    library.delay_input("u", scale=0.001),
-    library.offset_input("u", unit="V", scale=0.001),
+    library.sensor_fault(["y"], "y", "offset", unit="V", scale=0.001),
+    library.sensor_fault(["y"], "y", "gain"),
+    library.input_fault("u", "delay", scale=0.001),
+    library.input_fault("u", "offset", unit="V", scale=0.001),
 )

@@ -16,10 +16,11 @@ import threading
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 from feltmb.mechanism.numbers import read_entry, replace_entry
+from unmodeled.chain import fault_of
 from unmodeled.errors import InvalidParameter
 from unmodeled.units.quantity import SI, Schema, SIVector
 
@@ -100,17 +101,22 @@ class Insertion(Schema):
         return config.finger.point
 
 
+def _fault(name: str) -> str:
+    return name if name == "tilt" else fault_of(name).name
+
+
 class SensorError(Schema):
     """An error of measured channels."""
 
-    kind: Literal["delay", "gain", "offset", "tilt"]
+    kind: Annotated[str, AfterValidator(_fault)]
+    """Fault of a sensor, or "tilt"."""
     channels: str = ""
 
 
 class InputError(Schema):
     """An error of the recorded input."""
 
-    kind: Literal["delay", "gain", "offset"]
+    kind: Annotated[str, AfterValidator(lambda name: fault_of(name).name)]
 
 
 class Condition(Schema):

@@ -2,7 +2,7 @@
 
 An error of a sensor or an input has its own function. Signs: a channel shows (1 + gain) times the
 true value plus the offset, late by the delay. This also holds for the channel of the input
-(:mod:`unmodeled.data.readings`). At magnitude zero, the values are unchanged, bit by bit.
+(:mod:`unmodeled.chain`). At magnitude zero, the values are unchanged, bit by bit.
 """
 
 from __future__ import annotations
@@ -17,11 +17,10 @@ from feltmb.adapters.changes import Entry, InputError, SensorError
 from feltmb.mechanism import MechanismFile
 from feltmb.mechanism.numbers import read_entry
 from unmodeled.arguments import checked
+from unmodeled.chain import Link, fault_of, true_value
 from unmodeled.data import Array, Record
-from unmodeled.data.readings import acting
 from unmodeled.fit import Effect, Parameter
 from unmodeled.fit.model import UserUnit
-from unmodeled.fit.observe import shifted
 
 
 @checked
@@ -130,24 +129,18 @@ def observe_by(
 ) -> Callable[..., Array]:
     """Make the ``observe`` callable of a sensor effect."""
     columns = columns_of(signal, outputs, channels)
+    if signal.kind != "tilt":
+        return Link(fault_of(signal.kind), columns)
     others = [_other_axis(outputs[i]) for i in columns]
 
     def observe(record: Record, y: Array, magnitudes: Array, shape: object = None) -> Array:
-        del shape
+        del record, shape
         out, rows = y.copy(), np.flatnonzero(magnitudes)
-        size = magnitudes[rows, None]
         for i, other in zip(columns, others, strict=True):
-            seen = y[rows, :, i]
-            if signal.kind == "delay":
-                out[rows, :, i] = shifted(record, seen, magnitudes[rows])
-            elif signal.kind == "gain":
-                out[rows, :, i] = seen * (1.0 + size)
-            elif signal.kind == "offset":
-                out[rows, :, i] = seen + size
-            elif other in outputs:
-                turn = size if outputs[i].endswith(".x") else -size
+            if other in outputs:
+                turn = magnitudes[rows, None] * (1.0 if outputs[i].endswith(".x") else -1.0)
                 beside = y[rows, :, outputs.index(other)]
-                out[rows, :, i] = np.cos(turn) * seen + np.sin(turn) * beside
+                out[rows, :, i] = np.cos(turn) * y[rows, :, i] + np.sin(turn) * beside
         return out
 
     return observe
@@ -155,15 +148,10 @@ def observe_by(
 
 def excite_by(signal: InputError) -> Callable[..., Mapping[str, Array]]:
     """Make the ``excite`` callable of an input effect: the true input from the recorded one."""
-    error = signal.kind
 
     def excite(record: Record, magnitude: float, shape: object = None) -> Mapping[str, Array]:
         del shape
-        if magnitude == 0.0:
-            return {}
-        return {
-            name: acting(record.time, recorded, error, magnitude, smooth=True)
-            for name, recorded in record.inputs.items()
-        }
+        known = {signal.kind: magnitude}
+        return {n: true_value(record, v, known, "smooth") for n, v in record.inputs.items()}
 
     return excite

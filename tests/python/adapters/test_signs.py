@@ -35,9 +35,9 @@ def test_an_input_is_taken_back_to_what_acted_by_both_libraries(error):
     size, reading = READINGS[error]
     record = _input_record(reading)
     generic = {
-        "gain": library.gain_input("f"),
-        "offset": library.offset_input("f", unit="N", scale=1.0),
-        "delay": library.delay_input("f", scale=1.0),
+        "gain": library.input_fault("f", "gain"),
+        "offset": library.input_fault("f", "offset", unit="N", scale=1.0),
+        "delay": library.input_fault("f", "delay", scale=1.0),
     }[error]
     mechanical = excite_by(InputError(kind=error))
     inside = slice(10, -10)
@@ -52,9 +52,9 @@ def test_a_sensor_and_an_input_have_the_same_signs(error):
     size, reading = READINGS[error]
     record = _input_record(reading)
     sensor = {
-        "gain": library.sensor_gain(["f"], "f"),
-        "offset": library.sensor_offset(["f"], "f", unit="N", scale=1.0),
-        "delay": library.sensor_delay(["f"], "f", scale=1.0),
+        "gain": library.sensor_fault(["f"], "f", "gain"),
+        "offset": library.sensor_fault(["f"], "f", "offset", unit="N", scale=1.0),
+        "delay": library.sensor_fault(["f"], "f", "delay", scale=1.0),
     }[error]
     truth = _truth(TIME)[None, :, None]
     mechanical = observe_by(SensorError(kind=error, channels="f"), ["f"], {})

@@ -6,8 +6,8 @@ import pytest
 from blind.key_hammer import SAMPLE_TIME, KeyHammer, effects
 from blind.truth import STROKES, Part, plain_case
 from blind.truth_sensors import recorded_input
+from unmodeled.chain import true_value
 from unmodeled.data import Record
-from unmodeled.data.readings import acting
 from unmodeled.fit import Candidate, Jobs
 
 
@@ -21,7 +21,8 @@ def test_the_blind_generator_misreads_inputs_with_the_same_signs(mode, form, err
     shown = recorded_input(plain_case(mode, [part]), STROKES[0], fine, frames)
     truth = recorded_input(plain_case(mode), STROKES[0], fine, frames)
     unit = 1e-3 if mode == "motion" and error == "offset" else 1.0
-    back = acting(frames, shown, error, unit * size, smooth=True)
+    record = Record(name="r", time=frames, inputs={"u": shown}, outputs={"y": shown})
+    back = true_value(record, shown, {error: unit * size}, "smooth")
     # Form B is another function of the same mean sign and about the same size.
     left, wrong = np.abs(back - truth)[20:-20], np.abs(shown - truth)[20:-20]
     assert np.max(left) < (0.02 if form == "A" else 0.5) * np.max(wrong)

@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from unmodeled.arguments import checked
+from unmodeled.chain import fault_of
 from unmodeled.data import Array, Record
 from unmodeled.diagnosis import diagnose
 from unmodeled.errors import DataError, Error, InvalidParameter
 from unmodeled.fit.model import Candidate, Effect, Model, Ready
-from unmodeled.fit.observe import observe, shifted
+from unmodeled.fit.observe import observe
 from unmodeled.search.fit import empty_point
 from unmodeled.search.linear import Ask, start_states, theta_at
 from unmodeled.search.options import Options
@@ -228,7 +229,7 @@ class _Machine:
             own = theta + [p.process_sd * rng.standard_normal() for p in model.parameters]
             clean, y = (_outputs(model, record, own, start, some) for some in ((), given))
             outputs: dict[str, Array] = {}
-            late: dict[float, float] = {}
+            late: dict[tuple[str, float], float] = {}
             for c, name in zip(self.problem.channels, self.problem.names, strict=True):
                 if name not in record.outputs:
                     continue
@@ -286,19 +287,24 @@ def _outputs(model: Model, record: Record, theta: Array, start: Array, given: _G
 
 
 def _seen(
-    record: Record, name: str, y: Array, late: dict[float, float], rng: np.random.Generator
+    record: Record,
+    name: str,
+    y: Array,
+    late: dict[tuple[str, float], float],
+    rng: np.random.Generator,
 ) -> Array:
     """Readings of a sensor with its unknown errors and its noise.
 
-    ``late``: delays of the clocks that were drawn, by ``delay_sd`` [s].
+    ``late``: sizes of faults that channels have together, by fault and standard deviation.
     """
     sensor = record.sensors[name]
-    if sensor.delay_sd > 0.0:
-        if sensor.delay_sd not in late:
-            late[sensor.delay_sd] = float(sensor.delay_sd * rng.standard_normal())
-        y = shifted(record, y[None, :], np.array([late[sensor.delay_sd]]))[0]
-    y = (1.0 + sensor.gain_sd * rng.standard_normal()) * y
-    y = y + sensor.offset_sd * rng.standard_normal()
+    for kind, sd in sensor.unknown.items():
+        fault, size = fault_of(kind), late.get((kind, sd))
+        if size is None:
+            size = float(sd * rng.standard_normal())
+        if fault.together:
+            late[kind, sd] = size
+        y = fault.act(record, y[None], size)[0]
     noise = noise_of_channel(record, name).without_rounding(sensor.quantum)
     y = y + noise.draw(record.time, rng, y)
     return np.round(y / sensor.quantum) * sensor.quantum if sensor.quantum > 0.0 else y

@@ -51,7 +51,12 @@ def slide(duration=4.0, samples=401):
 EFFECTS = (
     library.dry_friction(MASS, scale=1.0, speed=0.1),
     library.hysteresis(MASS, scale=1.0, travel=0.01),
-    library.sensor_saturation(["position"], "position", highest=(0.008, 0.01), lowest=(-0.01,)),
+    library.sensor_fault(
+        ["position"],
+        "position",
+        "saturation",
+        shapes=(("highest", 0.008), ("highest", 0.01), ("lowest", -0.01)),
+    ),
 )
 
 

@@ -95,7 +95,7 @@ def test_a_quadratic_loss_to_the_room_is_named():
         library.constant_rate("T", scale=1e-4, unit="degC/s"),
         library.power_outflow("T", 2.0, scale=1e-6, unit="1/(degC s)"),
         library.exchange("T", "room", 2.0, scale=1e-6, unit="1/(degC s)"),
-        library.sensor_gain(["vessel"], "vessel"),
+        library.sensor_fault(["vessel"], "vessel", "gain"),
     )
     days = [measured(seed, 1.4e-6) for seed in (1, 2, 3)]
     report = diagnose(VESSEL, effects, days, hold_out=["day 3"])

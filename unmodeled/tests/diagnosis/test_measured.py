@@ -129,7 +129,7 @@ def test_an_effect_with_the_name_of_a_parameter_means_the_parameter(tmp_path):
 
 
 def test_faults_of_measured_effects_are_told_together():
-    gain = library.sensor_gain(["q"], "q")
+    gain = library.sensor_fault(["q"], "q", "gain")
     tests = [
         Measured(parameter=gain.name, value=0.0, sd=0.01),
         Measured(parameter=DRY.name, value=-1.0, sd=0.1),

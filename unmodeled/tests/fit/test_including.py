@@ -84,7 +84,7 @@ def test_with_the_effect_included_there_is_no_gap():
 
 
 def test_faults_are_told_together():
-    gain = library.sensor_gain(["q"], "q")
+    gain = library.sensor_fault(["q"], "q", "gain")
     with pytest.raises(InvalidParameter) as caught:
         including(models.NOMINAL, [CREEP, gain], [1.0])
     text = str(caught.value)

@@ -87,7 +87,7 @@ def test_the_run_of_an_input_between_samples_is_estimated_and_is_no_cause(held: 
     effects = [
         library.dry_friction(SLIDE, scale=0.5, speed=0.5),
         library.polynomial_stiffness(SLIDE, 3, scale=1e4),
-        library.sensor_gain(["q"], "q"),
+        library.sensor_fault(["q"], "q", "gain"),
     ]
     model, records = make_model(), runs(held, samples=240)
     assert "between.f" in [p.name for p in model.ready(records).model.parameters]

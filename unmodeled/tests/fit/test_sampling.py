@@ -187,7 +187,7 @@ def delayed(values, time):
 def test_a_delay_of_an_input_is_that_delay(make, adapter):
     """An input that acts 7 ms later than recorded, at samples every 10 ms."""
     given = record(clock(True))
-    effect = library.delay_input("u2", scale=given.interval)
+    effect = library.input_fault("u2", "delay", scale=given.interval)
     seen = readings(make(adapter), given, (effect, -DELAY))
     assert np.allclose(seen[:, 1], delayed(given.inputs["u2"], given.time), atol=1e-12)
     assert np.array_equal(seen[:, 0], given.inputs["u1"])
@@ -198,7 +198,7 @@ def test_a_linear_model_takes_the_same_sample():
     model = LinearModel(output="y1", columns={"one": lambda r: r.inputs["u1"]}, parameters=[one])
     given = record(clock(False), ["y1"])
     assert np.array_equal(readings(model, given)[:, 0], given.inputs["u1"])
-    effect = library.delay_input("u1", scale=given.interval)
+    effect = library.input_fault("u1", "delay", scale=given.interval)
     seen = readings(model, given, (effect, -DELAY))
     assert np.allclose(seen[:, 0], delayed(given.inputs["u1"], given.time), atol=1e-12)
 
@@ -218,7 +218,9 @@ def diagnosed(folder, delay=0.0):
         sensors = {n: Sensor(name=n, sigma=1e-3) for n in OUTPUTS}
         records.append(replace(own, name=role, role=role, outputs=outputs, sensors=sensors))
     interval = records[0].interval
-    return diagnose(model, [library.delay_input(n, scale=interval) for n in INPUTS], records)
+    return diagnose(
+        model, [library.input_fault(n, "delay", scale=interval) for n in INPUTS], records
+    )
 
 
 def test_perfect_data_of_an_fmu_have_no_gap(tmp_path):

@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from unmodeled.chain import Link, fault_of
+from unmodeled.chain.times import at_times
 from unmodeled.data import Record, Sensor
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import (
@@ -16,7 +18,7 @@ from unmodeled.fit import (
     SensitivityRequest,
     State,
 )
-from unmodeled.fit.observe import delayed, observe, observed_sensitivities, shifted
+from unmodeled.fit.observe import observe, observed_sensitivities
 
 SAMPLES = 101
 
@@ -37,12 +39,12 @@ def motion(t):
 
 @pytest.mark.parametrize("even", [True, False])
 @pytest.mark.parametrize("delay", [3e-3, -3e-3, 0.017])
-@pytest.mark.parametrize("samples", [SAMPLES, 501])  # with and without a cached matrix
+@pytest.mark.parametrize("samples", [SAMPLES, 501])
 def test_a_delayed_motion_is_that_of_an_earlier_time(even, delay, samples):
     time = np.linspace(0.0, 1.0, samples)
     if not even:
         time = time + 0.003 * np.sin(9.0 * time)
-    seen = shifted(record(time), motion(time), np.full(2, delay))
+    seen = at_times(time, motion(time), time - delay)
     edge = 3 * samples // SAMPLES
     assert np.allclose(seen[:, edge:-edge], motion(time - delay)[:, edge:-edge], atol=2e-7)
     # Straight beyond the ends.
@@ -53,14 +55,12 @@ def test_each_job_has_its_delay_and_a_failed_one_stays_as_it_is():
     time = np.linspace(0.0, 1.0, SAMPLES)
     y = np.repeat(motion(time)[:1], 4, axis=0)
     y[3, 7] = np.nan
-    seen = shifted(record(time), y, np.array([4e-3, 0.0, 0.3, 4e-3]))
+    link = Link(fault_of("delay"), [0])
+    seen = link(record(time), y[:, :, None], np.array([4e-3, 0.0, 0.3, 4e-3]))[:, :, 0]
     assert np.allclose(seen[0, 3:], motion(time - 4e-3)[0, 3:], atol=2e-7)
     assert np.array_equal(seen[1], y[1])
     assert np.allclose(seen[2, 31:], motion(time - 0.3)[0, 31:], atol=2e-7)
     assert np.array_equal(seen[3], y[3], equal_nan=True)
-    together = delayed(record(time), np.stack([y[0], y[3]], axis=1), 4e-3)
-    assert np.allclose(together[:, 0], seen[0], atol=1e-12)
-    assert np.array_equal(together[:, 1], y[3], equal_nan=True)
 
 
 def test_a_known_delay_is_part_of_the_readings():

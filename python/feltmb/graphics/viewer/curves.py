@@ -10,11 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from unmodeled.arguments import checked
+from unmodeled.chain import true_value
 from unmodeled.data import ReadOptions, Record
 from unmodeled.data.columns import read_columns
 from unmodeled.data.files import read_each, read_sheet
 from unmodeled.data.mapping import clock_column, unit_of_column
-from unmodeled.data.readings import true_input
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.units import to_si
 from unmodeled.units.quantity import fault_text
@@ -124,9 +124,8 @@ def _of_record(record: Record) -> Curves:
     values, units = dict(record.inputs), dict(record.input_units)
     for name, reading in record.outputs.items():
         sensor = record.sensors[name]
-        truth = true_input(
-            record.time, reading, delay=sensor.delay, gain=sensor.gain, offset=sensor.offset
-        )
+        known = {fault: size for fault, size in sensor.known.items() if fault != "lag"}
+        truth = true_value(record, reading, known)
         moments = record.time + sensor.delay
         within = (moments >= record.time[0]) & (moments <= record.time[-1])
         values[name] = np.where(within, truth, np.nan)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.arguments import checked
+from unmodeled.chain.scales import unwrapped
 from unmodeled.data.columns import MEASURED_FILES, read_columns
 from unmodeled.data.mapping import (
     Signals,
@@ -29,7 +30,6 @@ from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, InputSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of
-from unmodeled.data.wrapping import unwrapped
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.files import is_file, read_toml, why_missing
 from unmodeled.units import (
@@ -398,11 +398,10 @@ def _backward(columns: Columns, time: Array, at: NDArray[np.intp]) -> str:
 def _acted(sheet: Sheet, record: Record) -> Record:
     """The record with the true inputs, if the sensors of the inputs are specified."""
     for name, spec in sheet.inputs.items():
-        properties = {"delay": spec.delay, "gain": spec.gain, "offset": spec.offset}
-        if spec.bandwidth is not None:
-            properties["bandwidth"] = spec.bandwidth
-        if properties != {"delay": 0.0, "gain": 1.0, "offset": 0.0}:
-            record = record.with_sensed_input(name, **properties)
+        errors = spec.model_dump(include={"delay", "gain", "offset", "bandwidth", "faults"})
+        record = record.with_sensed_input(
+            name, **{k: v for k, v in errors.items() if v is not None}
+        )
     return record
 
 

@@ -7,19 +7,16 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.arguments import checked
-from unmodeled.data.readings import true_input
+from unmodeled.chain import fault_of, faults, true_value
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import DataError, InvalidParameter, no_such
 from unmodeled.lazy import lazy_import
-
-if TYPE_CHECKING:
-    pass
 
 Array = NDArray[np.float64]
 V = TypeVar("V")
@@ -33,7 +30,7 @@ UNNAMED = "record"
 #: End of the name of a part of a record.
 _PART = re.compile(r"(\[(\d+/\d+|fit|held-out)\])+$")
 #: Properties of the sensor of an output that an input does not have.
-NOT_OF_INPUTS = "relative_sigma", "gain_sd", "offset_sd", "delay_sd"
+NOT_OF_INPUTS = "relative_sigma", "gain_sd", "offset_sd", "delay_sd", "faults_sd"
 LARGEST = 1e100  # largest number of a record; larger values are not measurements
 
 
@@ -79,6 +76,11 @@ class Sensor:
     delay_sd: float = 0.0
     """Prior standard deviation of an unknown delay [s]. The channels of a record with the same
     value have one clock: they are late together."""
+    faults: Mapping[str, float] = field(default_factory=dict)
+    """Known errors of further kinds, by the name of the fault (:mod:`unmodeled.chain`), such as
+    ``{"clock": 0.01}`` [unit of the fault]."""
+    faults_sd: Mapping[str, float] = field(default_factory=dict)
+    """Prior standard deviations of unknown errors of further kinds."""
     reference: Reference = ""
     """Zero of a coordinate: "absolute" is the zero of the frame of the model, "rest" the rest pose
     of the machine; "": determined from the start of the channel. For models that know their rest
@@ -120,8 +122,31 @@ class Sensor:
         for name in ("delay", "offset"):
             if not abs(getattr(self, name)) <= LARGEST:
                 faults.append(f"{name} = {getattr(self, name)!r}, expected a finite number")
+        for key in ("faults", "faults_sd"):
+            for name, value in getattr(self, key).items():
+                if not (fault := fault_of(name)).stated or f"{name}_sd" in vars(self):
+                    faults.append(f"{key}: {fault.name} is not stated here")
+                if not math.isfinite(value) or (key == "faults_sd" and value < 0.0):
+                    faults.append(f"{key}: {name} = {value!r}, expected a finite number")
         if faults:
             raise DataError(f"sensor {self.name}: " + "; ".join(faults))
+
+    @property
+    def known(self) -> dict[str, float]:
+        """Known errors: size by name of the fault, without zeros, in the order of the chain."""
+        lag = 1.0 / (2.0 * math.pi * self.bandwidth)
+        own = {"lag": lag, "delay": self.delay, "gain": self.gain - 1.0, "offset": self.offset}
+        return _in_chain({**own, **self.faults})
+
+    @property
+    def unknown(self) -> dict[str, float]:
+        """Standard deviations of unknown errors, as :attr:`known`."""
+        own = {"gain": self.gain_sd, "offset": self.offset_sd, "delay": self.delay_sd}
+        return _in_chain({**own, **self.faults_sd})
+
+
+def _in_chain(sizes: Mapping[str, float]) -> dict[str, float]:
+    return {n: sizes[n] for n in faults() if sizes.get(n, 0.0) != 0.0}
 
 
 @checked
@@ -414,11 +439,12 @@ class Record:
         bandwidth: float = math.inf,
         gain: float = 1.0,
         offset: float = 0.0,
+        faults: Mapping[str, float] | None = None,
     ) -> Record:
         """Copy of the record, with an input converted from its sensor reading to the true value.
 
-        See :func:`unmodeled.data.readings.true_input`. Inverting a low-pass increases the noise,
-        and ``input_sigma`` is changed accordingly.
+        See :func:`unmodeled.chain.true_value`. Inverting a low-pass increases the noise, and
+        ``input_sigma`` is changed accordingly.
 
         Parameters
         ----------
@@ -428,32 +454,31 @@ class Record:
             Corner frequency of a first-order low-pass [Hz].
         gain, offset
             Gain [1] and offset [unit of the input].
+        faults
+            Errors of further kinds by the name of the fault (:attr:`Sensor.faults`).
 
         Raises
         ------
         DataError
             The input does not exist, or a number is invalid for a sensor.
         """
+        own: dict[str, Any] = {"delay": delay, "bandwidth": bandwidth, "gain": gain}
+        own |= {"offset": offset, "faults": faults or {}}
+        return self._sensed(name, Sensor(name=name, **own).known)
+
+    def _sensed(self, name: str, known: Mapping[str, float]) -> Record:
+        """Copy of the record, with an input without known errors."""
         if name not in self.inputs:
             raise DataError(
                 f"record {self.name}: no input {name!r}; there are {', '.join(self.inputs)}"
             )
-        # The same limits as for the sensor of an output.
-        Sensor(name=name, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset)
-
-        def acted(run: Record) -> Mapping[str, Array]:
-            read = run.inputs[name]
-            true = true_input(
-                run.time, read, delay=delay, bandwidth=bandwidth, gain=gain, offset=offset
-            )
-            return {name: true}
-
-        sigma = self.input_sigma.get(name, 0.0) / abs(gain)
-        if math.isfinite(bandwidth):
-            forget = 1.0 / (2.0 * math.pi * bandwidth)
-            sigma *= math.hypot(1.0, forget / (math.sqrt(2.0) * self.interval))
+        if not known:
+            return self
+        sigma = self.input_sigma.get(name, 0.0)
+        for fault, size in known.items():
+            sigma *= fault_of(fault).noise(self, size)
         return replace(
-            self.with_changed_inputs(acted),
+            self.with_changed_inputs(lambda run: {name: true_value(run, run.inputs[name], known)}),
             input_sigma={**self.input_sigma, name: sigma} if sigma > 0.0 else self.input_sigma,
         )
 
@@ -520,10 +545,7 @@ class Record:
             before=before,
             **about,
         )
-        known = {key: getattr(sensor, key) for key in ("delay", "bandwidth", "gain", "offset")}
-        if all(value == getattr(Sensor, key) for key, value in known.items()):
-            return made
-        return made.with_sensed_input(name, **known)
+        return made._sensed(name, sensor.known)
 
     def with_inputs(self, inputs: Mapping[str, Array]) -> Record:
         """Copy of the record, with some inputs replaced.

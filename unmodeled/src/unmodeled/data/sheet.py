@@ -51,6 +51,8 @@ class InputSpec(ColumnSpec):
     """Corner frequency of the low-pass of the sensor of the input [Hz]."""
     gain: float = 1.0
     offset: float = 0.0
+    faults: dict[str, float] = Field(default_factory=dict)
+    """Errors of further kinds by the name of the fault, such as {clock = 0.01}."""
 
 
 class OutputSpec(ColumnSpec):
@@ -69,6 +71,10 @@ class OutputSpec(ColumnSpec):
     gain_sd: float = 0.0
     offset_sd: float = 0.0
     delay_sd: float = 0.0
+    faults: dict[str, float] = Field(default_factory=dict)
+    """Known errors of further kinds by the name of the fault, such as {clock = 0.01}."""
+    faults_sd: dict[str, float] = Field(default_factory=dict)
+    """Standard deviations of unknown errors of further kinds."""
     reference: Reference = ""
     """Zero of a coordinate: "absolute" (frame of the model), "rest" (its rest pose); default:
     determined from the start of the channel."""

@@ -1,4 +1,4 @@
-"""Counters and angles that wrap: found by their jumps, and made continuous."""
+"""Counters and angles that wrap: found by their jumps."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from unmodeled.chain.scales import unwrapped
 from unmodeled.data.records import Array
 
 #: Periods of counters with a number of bits.
@@ -20,17 +21,6 @@ _PARTS, _USED = 16, 0.6
 #: Largest share of the steps that are jumps; steps without them, in periods; and the step in place
 #: of a jump, in steps beside it.
 _MOST, _SMOOTH, _LIKE = 0.2, 0.3, 1.5
-
-
-def unwrapped(values: Array, period: float) -> Array:
-    """Values in which a jump by more than half a period is a step in the other direction.
-
-    NaN is a missing value.
-    """
-    known = np.isfinite(values)
-    out = values.copy()
-    out[known] = np.unwrap(values[known], period=period)
-    return out
 
 
 def wrap_of(values: Array, unit: str = "1") -> tuple[float, str] | None:

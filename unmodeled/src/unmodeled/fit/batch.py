@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from unmodeled.chain.splines import Spline
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter, shown
 from unmodeled.fit.calling import calling
@@ -112,9 +113,7 @@ class _Tracks:
             out += share * (following - values)[:, None]
         if hold not in ("spline", "between"):
             return [out]
-        from scipy.interpolate import CubicSpline
-
-        bends = np.asarray(CubicSpline(record.time, values)(record.time, 2))
+        bends = Spline(record.time, values[None])(record.time, 2)[0]
         ahead, rest = np.append(bends[1:], bends[-1:]), 1.0 - share
         square = np.append(np.diff(record.time), 0.0)[:, None] ** 2 / 6.0
         bent = square * ((rest**3 - rest) * bends[:, None] + (share**3 - share) * ahead[:, None])

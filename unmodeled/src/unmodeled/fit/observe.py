@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from unmodeled.chain import Link, fault_of, through
 from unmodeled.data import Array, Record
-from unmodeled.data.records import evenly_spaced
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit.calling import calling
 from unmodeled.fit.model import (
@@ -79,7 +80,9 @@ def _observed(
     for k, candidate in enumerate(jobs.included):
         if candidate.effect.observe is not None:
             outputs = _seen(candidate, record, outputs, jobs.magnitudes[:, k])
-    return _sensed(model, record, outputs)
+    for link, size, _ in _sensors(model, record):
+        outputs = link(record, outputs, np.full(jobs.count, size))
+    return outputs
 
 
 def _seen(candidate: Candidate, record: Record, outputs: Array, magnitudes: Array) -> Array:
@@ -139,27 +142,14 @@ def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]
     return parts
 
 
-def _sensed(model: Model, record: Record, outputs: Array) -> Array:
-    """Apply the known properties of the sensors to outputs, (B, n, ny)."""
-    changed, count = outputs, len(outputs)
-    for o, name in enumerate(model.outputs):
-        sensor = record.sensors.get(name)
-        if sensor is None:
-            continue
-        y = changed[:, :, o]
-        new = y
-        if np.isfinite(sensor.bandwidth):
-            constants = np.full(count, 1.0 / (2.0 * np.pi * sensor.bandwidth))
-            new = low_passed(record.time, new, constants)
-        if sensor.delay != 0.0:
-            new = shifted(record, new, np.full(count, sensor.delay))
-        if sensor.gain != 1.0 or sensor.offset != 0.0:
-            new = sensor.gain * new + sensor.offset
-        if new is not y:
-            if changed is outputs:
-                changed = outputs.copy()
-            changed[:, :, o] = new
-    return changed
+def _sensors(model: Model, record: Record) -> list[tuple[Link, float, None]]:
+    """Known errors of the sensors of the outputs, with their sizes."""
+    return [
+        (Link(fault_of(fault), (o,)), size, None)
+        for o, name in enumerate(model.outputs)
+        if name in record.sensors
+        for fault, size in record.sensors[name].known.items()
+    ]
 
 
 def observed_sensitivities(
@@ -173,20 +163,7 @@ def observed_sensitivities(
     inner = [_of_machine(request) for request in requests]
     with calling(f"model {model.name}: its simulation"):
         found = _with_input_changes(model, inner, model.sensitivities(inner))
-    return [
-        s if _plain(model, request) else _readings(model, request, s)
-        for request, s in zip(requests, found, strict=True)
-    ]
-
-
-def _plain(model: Model, request: SensitivityRequest) -> bool:
-    """Whether the derivatives of the model need no correction by sensors or sensor effects."""
-    sensors = [request.record.sensors[n] for n in model.outputs if n in request.record.sensors]
-    candidates = (*request.included, *request.candidates)
-    return machine_candidates(candidates) == candidates and all(
-        s.delay == 0.0 and s.gain == 1.0 and s.offset == 0.0 and np.isinf(s.bandwidth)
-        for s in sensors
-    )
+    return [_readings(model, request, s) for request, s in zip(requests, found, strict=True)]
 
 
 def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
@@ -301,187 +278,76 @@ def _added(record: Record, change: Mapping[str, Array], sign: float) -> dict[str
     return {name: record.inputs[name] + sign * value for name, value in change.items()}
 
 
+class _Differences:
+    """An ``observe`` of a user as a link: with derivatives by differences."""
+
+    def __init__(self, candidate: Candidate):
+        self.candidate = candidate
+
+    def __call__(self, run: Record, outputs: Array, sizes: Array, _: object) -> Array:
+        return _seen(self.candidate, run, outputs, sizes)
+
+    def by_size(self, run: Record, outputs: Array, size: float, _: object) -> Array:
+        """Derivative of the readings by the magnitude, (n, ny)."""
+        offsets = _offsets(self.candidate, size)
+        moved = np.array([size, *(size + offset for offset, _ in offsets)])
+        shown, *others = _seen(self.candidate, run, np.tile(outputs, (3, 1, 1)), moved)
+        weighted = zip(offsets, others, strict=True)
+        return np.asarray(sum(weight * (other - shown) for (_, weight), other in weighted))
+
+    def push(self, run: Record, outputs: Array, size: float, _: object, columns: Array) -> Array:
+        """Derivatives of the readings from those of the outputs."""
+        spread = float(np.nanmax(np.abs(outputs), initial=0.0)) or 1.0
+        directions = np.moveaxis(columns, 2, 0)
+        largest = np.nanmax(np.abs(directions), axis=(1, 2), initial=0.0)[:, None, None]
+        steps = np.where(largest > 0.0, 1e-4 * spread / (largest + (largest == 0.0)), 1.0)
+        moved = np.concatenate([outputs + steps * directions, outputs - steps * directions])
+        shown = _seen(self.candidate, run, moved, np.full(len(moved), size))
+        up, down = np.split(shown, 2)
+        return np.asarray(np.moveaxis((up - down) / (2.0 * steps), 0, 2))
+
+
 def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sensitivity:
     """Derivatives of the readings from those of the outputs, ``s``."""
     record, included, candidates = request.record, request.included, request.candidates
-    sizes = dict(zip(included, map(float, request.sizes), strict=True))
-    observing = {t: size for t, size in sizes.items() if t.effect.observe is not None}
-
-    def show(outputs: Array, sizes: Mapping[Candidate, float] = observing) -> Array:
-        """Sensor readings, (B, n, ny)."""
-        for candidate, size in sizes.items():
-            outputs = _seen(candidate, record, outputs, np.full(len(outputs), size))
-        return _sensed(model, record, outputs)
-
-    shown = show(s.outputs[None])[0]
-    spread = float(np.nanmax(np.abs(s.outputs), initial=0.0))
-
-    def push(columns: Array) -> Array:
-        """Transform derivatives with the sensors and sensor effects."""
-        directions = np.moveaxis(columns, 2, 0)
-        largest = np.nanmax(np.abs(directions), axis=(1, 2), initial=0.0)[:, None, None]
-        steps = np.where(largest > 0.0, 1e-4 * (spread or 1.0) / (largest + (largest == 0.0)), 1.0)
-        moved = np.concatenate([s.outputs + steps * directions, s.outputs - steps * directions])
-        up, down = np.split(show(moved), 2)
-        return np.asarray(np.moveaxis((up - down) / (2.0 * steps), 0, 2))
-
-    def by_sensor(candidate: Candidate) -> Array:
-        """Derivative by the magnitude of a sensor effect."""
-        at, out = observing.get(candidate, 0.0), np.zeros(shown.shape)
-        for offset, weight in _offsets(candidate, at):
-            sizes = {**observing, candidate: at + offset}
-            out += weight * (show(s.outputs[None], sizes)[0] - shown)
-        return out
-
-    own, of_inputs = len(request.input_changes), _input_effects(request)
+    everything = [*zip(included, map(float, request.sizes), strict=True)]
+    everything += [(t, 0.0) for t in candidates]
+    seen = [(t, size) for t, size in everything if t.effect.observe is not None]
+    links: list[tuple[Any, float, Any]] = []
+    for t, size in seen:
+        observe = t.effect.observe
+        links.append((observe if isinstance(observe, Link) else _Differences(t), size, t.shape))
     assert s.d_inputs is not None
-    by_input = push(s.d_inputs)
+    inner = [s.d_theta, s.d_magnitudes, s.d_starts, s.d_candidates, s.d_inputs]
+    inner += [] if s.d_shapes is None else [s.d_shapes]
+    ends = np.cumsum([part.shape[-1] for part in inner])
+    columns = np.concatenate(inner, axis=2)
+    outputs, columns = through(links, record, s.outputs, columns)
+    known = _sensors(model, record)
+    count = columns.shape[2]
+    outputs, columns = through(known, record, outputs, columns)
+    theta, sizes, starts, at_zero, inputs, *shapes = np.split(columns[..., :count], ends, axis=2)
+    by_sensor = shapes.pop()
+    own, of_inputs = len(request.input_changes), _input_effects(request)
 
-    def by_magnitudes(wanted: tuple[Candidate, ...], inner: Array) -> Array:
-        """Derivatives by the magnitudes of effects, ``inner``: by those of the machine."""
-        out = np.zeros((*shown.shape, len(wanted)))
-        pushed, machine = push(inner), machine_candidates(wanted)
-        for k, candidate in enumerate(wanted):
-            if candidate in machine:
-                out[..., k] = pushed[..., machine.index(candidate)]
-            elif candidate in of_inputs:
-                column = own + of_inputs.index(candidate)
-                out[..., k] = by_input[..., column] / _step(candidate)
+    def by_magnitudes(wanted: tuple[Candidate, ...], machine: Array) -> Array:
+        """Derivatives by the magnitudes of effects; ``machine``: by those of the machine."""
+        out, of_machine = np.zeros((*outputs.shape, len(wanted))), machine_candidates(wanted)
+        for k, t in enumerate(wanted):
+            if t in of_machine:
+                out[..., k] = machine[..., of_machine.index(t)]
+            elif t in of_inputs:
+                out[..., k] = inputs[..., own + of_inputs.index(t)] / _step(t)
             else:
-                out[..., k] = by_sensor(candidate)
+                out[..., k] = by_sensor[..., [c for c, _ in seen].index(t)]
         return out
 
     return Sensitivity(
-        outputs=shown,
-        d_theta=push(s.d_theta),
-        d_magnitudes=by_magnitudes(included, s.d_magnitudes),
-        d_starts=push(s.d_starts),
-        d_candidates=by_magnitudes(candidates, s.d_candidates),
-        d_inputs=by_input[..., :own],
-        d_shapes=None if s.d_shapes is None else push(s.d_shapes),
+        outputs=outputs,
+        d_theta=theta,
+        d_magnitudes=by_magnitudes(included, sizes),
+        d_starts=starts,
+        d_candidates=by_magnitudes(candidates, at_zero),
+        d_inputs=inputs[..., :own],
+        d_shapes=shapes[0] if shapes else None,
     )
-
-
-# ------------------------------------------------------------------------------------------ delays
-
-
-def shifted(record: Record, y: Array, delays: Array) -> Array:
-    """Outputs as a sensor with a delay shows them: y(t - delay), by cubic splines.
-
-    Before the first and after the last sample, the signal is extrapolated by a parabola for one
-    sample and linearly beyond.
-
-    Parameters
-    ----------
-    record
-        Record with the times of the samples.
-    y
-        Outputs, (B, n).
-    delays
-        Delays [s], (B,).
-
-    Returns
-    -------
-    Array
-        Delayed outputs, (B, n); rows with values that are not finite are unchanged.
-    """
-    out: Array = np.array(y, dtype=np.float64)
-    good, n = np.all(np.isfinite(out), axis=1), y.shape[1]
-    time = np.asarray(np.arange(n) * record.interval if record.even else record.time[:n])
-    for delay in np.unique(delays[good & (delays != 0.0)]):
-        rows = np.flatnonzero(good & (delays == delay))
-        out[rows] = continued(time, out[rows, :, None], time - delay)[:, :, 0]
-    return out
-
-
-def delayed(record: Record, y: Array, delay: float) -> Array:
-    """As :func:`shifted` for outputs (n, ...) with one delay.
-
-    Columns with values that are not finite are unchanged.
-
-    Parameters
-    ----------
-    record
-        Record with the times of the samples.
-    y
-        Outputs, (n, ...).
-    delay
-        Delay [s].
-    """
-    columns = y.reshape(len(y), -1).T
-    return shifted(record, columns, np.full(len(columns), delay)).T.reshape(y.shape)
-
-
-def continued(time: Array, values: Array, want: Array) -> Array:
-    """Interpolated or extrapolated values (B, n, k) at other times; see :func:`shifted`."""
-    if time.size < 2:
-        return np.repeat(values, want.size, axis=1)
-    from scipy.interpolate import CubicSpline
-
-    spline = CubicSpline(time, values, axis=1)
-    out = np.asarray(spline(np.clip(want, time[0], time[-1])))
-    for end, beyond in ((time[0], want - time[0]), (time[-1], want - time[-1])):
-        over = np.minimum(beyond, 0.0) if end == time[0] else np.maximum(beyond, 0.0)
-        if not np.any(over):
-            continue
-        step = abs(time[1] - time[0]) if end == time[0] else abs(time[-1] - time[-2])
-        bent = np.clip(over, -step, step)
-        rate, bend = (np.asarray(spline(end, n))[:, None, :] for n in (1, 2))
-        straight = over[None, :, None]
-        curved = (bent * over - 0.5 * bent**2)[None, :, None]
-        out = out + rate * straight + bend * curved
-    return np.asarray(out)
-
-
-# -------------------------------------------------------------------------------------------- lags
-
-
-def low_passed(clock: Array, y: Array, constants: Array, starts: Array | None = None) -> Array:
-    """Outputs as a sensor with a first-order lag shows them: constant * d(out)/dt = y - out.
-
-    The filter starts with a given value, else as if the signal always had its first slope.
-
-    Parameters
-    ----------
-    clock
-        Times of the samples [s], (n,).
-    y
-        Outputs, (B, n).
-    constants
-        Time constants [s], (B,), >= 0; 0: the output is unchanged.
-    starts
-        First values of the filters [unit of y], (B,); NaN: not given.
-
-    Returns
-    -------
-    Array
-        Filtered outputs, (B, n).
-    """
-    out = np.array(y, dtype=np.float64)
-    if y.shape[1] < 2:
-        return out
-    step = np.maximum(np.diff(clock), 0.0)
-    if evenly_spaced(clock):  # whatever the rounding of the clock
-        step[:] = step[0]
-    for constant in np.unique(constants[constants > 0.0]):
-        rows = np.flatnonzero(constants == constant)
-        first = y[rows, 0] - constant * (y[rows, 1] - y[rows, 0]) / max(step[0], 1e-300)
-        if starts is not None:
-            first = np.where(np.isfinite(starts[rows]), starts[rows], first)
-        out[rows] = _filtered(step / constant, y[rows], first)
-    return out
-
-
-def _filtered(steps: Array, y: Array, first: Array) -> Array:
-    """Filter from its first value; ``steps``: those of the clock, in time constants."""
-    from scipy.linalg import solve_banded  # starts ten times as fast as scipy.signal
-
-    loss = -np.expm1(-steps)
-    new = 1.0 - np.divide(loss, steps, out=np.ones_like(steps), where=steps > 0.0)
-    # out[j] - (1 - loss) * out[j - 1] = new * y[j] + (loss - new) * y[j - 1]
-    right = np.empty_like(y)
-    right[:, 0] = first
-    right[:, 1:] = new * y[:, 1:] + (loss - new) * y[:, :-1]
-    bands = np.ones((2, y.shape[1]))
-    bands[1, :-1] = loss - 1.0
-    return np.asarray(solve_banded((1, 0), bands, right.T, check_finite=False).T)

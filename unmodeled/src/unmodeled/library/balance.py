@@ -9,11 +9,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from unmodeled.chain.times import low_passed
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record, smooth_record
 from unmodeled.errors import InvalidParameter, no_such
 from unmodeled.fit import Coordinate, Effect, Named
-from unmodeled.fit.observe import low_passed
 from unmodeled.library.forces import (
     CLEARANCE_SHARPNESS,
     Scales,
@@ -200,5 +200,5 @@ def slip_along(position: Array, stretch: float, sharpness: float) -> Array:
 MEMORY: Mapping[str, Callable[[Array, Array, Any], Array]] = {
     "hysteresis.slip": lambda t, q, shape: slip_along(q, *shape),
     "clearance.slip": lambda t, q, b: slip_along(q, b, CLEARANCE_SHARPNESS),
-    "creep.stretch": lambda t, q, tau: low_passed(t, q[None], np.array([tau]), q[:1])[0],
+    "creep.stretch": lambda t, q, tau: low_passed(t, q[None], tau, q[:1])[0],
 }

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from unmodeled.chain import Link, fault_of, faults, through
 from unmodeled.data import Array
 from unmodeled.fit.model import (
     Candidate,
@@ -21,7 +22,7 @@ from unmodeled.fit.model import (
     reshaped,
     start_in,
 )
-from unmodeled.fit.observe import delayed, machine_candidates, observe_all, observed_sensitivities
+from unmodeled.fit.observe import machine_candidates, observe_all, observed_sensitivities
 from unmodeled.search.problem import Local, Members, Observed, Problem
 
 #: Values above this limit count as diverged; their squares would overflow.
@@ -29,8 +30,8 @@ RUNAWAY = 1e100
 #: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count
 #: as diverged: the integrator is near its limit of stability there.
 STEEP = 100.0
-#: Step of a difference by the logarithm of a number of a shape, and by a delay [intervals].
-SHAPE_STEP, LATER = 0.02, 1e-3
+#: Step of a difference by the logarithm of a number of a shape.
+SHAPE_STEP = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,8 +227,8 @@ def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
         own = []
         for r, o in enumerate(ask.records):
             outputs = next(runs)[0][:, list(problem.channels)]
-            readings, _ = _sensed(problem, ask, r, outputs)
-            nothing = np.zeros((*readings.shape, 0))
+            nothing = np.zeros((*outputs.shape, 0))
+            readings, _, _ = _sensed(problem, ask, r, outputs, nothing)
             own.append(Linear(_residual(o, readings), nothing, nothing, nothing))
         out.append(own)
     return out
@@ -245,35 +246,19 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
         own = []
         for r, o in enumerate(ask.records):
             s, columns = next(found), list(problem.channels)
-            readings, by_sensor = _sensed(problem, ask, r, s.outputs[:, columns])
-            n, m = readings.shape
             shape_columns = next(by_shapes)[:, columns]
+            by_outputs = [s.d_starts[:, columns], s.d_candidates[:, columns] * further]
             if ask.by_global:
-                by_global = np.concatenate(
-                    [
-                        s.d_theta[:, columns] * problem.unit,
-                        s.d_magnitudes[:, columns] * scales,
-                        shape_columns,
-                    ],
-                    axis=2,
-                )
-            else:
-                by_global = np.zeros((n, m, 0))
-            by_starts = s.d_starts[:, columns]
-            by_further = s.d_candidates[:, columns] * further
-            for late, delay in _delays(problem, ask, r):
-                for derivatives in (by_global, by_starts, by_further):
-                    derivatives[:, late] = delayed(o.record, derivatives[:, late], delay)
-            local = local_of(problem, ask.members, o)
-            by_local = np.zeros((n, m, len(local)))
-            for j, q in enumerate(local):
+                by_outputs += [s.d_theta[:, columns] * problem.unit]
+                by_outputs += [s.d_magnitudes[:, columns] * scales, shape_columns]
+            ends = np.cumsum([part.shape[2] for part in by_outputs[:2]])
+            readings, by_readings, by_local = _sensed(
+                problem, ask, r, s.outputs[:, columns], np.concatenate(by_outputs, axis=2)
+            )
+            by_starts, by_further, by_global = np.split(by_readings, ends, axis=2)
+            for j, q in enumerate(local_of(problem, ask.members, o)):
                 if q.kind == "start":
                     by_local[:, :, j] = by_starts[:, :, q.index] * q.scale
-                elif q.kind == "mode":
-                    assert o.modes is not None
-                    by_local[:, :, j] = o.modes[:, :, q.index]
-                else:
-                    by_local[:, :, j] = by_sensor[j]
             own.append(
                 Linear(
                     _residual(o, readings),
@@ -330,43 +315,33 @@ def _by_shapes(
         yield columns
 
 
-def _delays(problem: Problem, ask: Ask, r: int) -> list[tuple[list[int], float]]:
-    """Channels of a record that are late together, with their delay [s]."""
-    local = local_of(problem, ask.members, ask.records[r])
-    found = zip(local, ask.point.local[r], strict=True)
-    return [([*q.channels], float(v) * q.scale) for q, v in found if q.kind == "delay"]
+def _sensed(
+    problem: Problem, ask: Ask, r: int, outputs: Array, columns: Array
+) -> tuple[Array, Array, Array]:
+    """Readings with the errors of the sensors of a record, and their derivatives.
 
-
-def _sensed(problem: Problem, ask: Ask, r: int, outputs: Array) -> tuple[Array, dict[int, Array]]:
-    """Readings with the errors of the sensors of a record, and their derivatives by unknown."""
+    The derivatives are those of the outputs, ``columns``, and by the unknowns of the record.
+    """
     observed, values = ask.records[r], ask.point.local[r]
-    columns: dict[int, Array] = {}
     local = local_of(problem, ask.members, observed)
-    outputs, record = outputs.copy(), observed.record
-    half, slopes = LATER * record.interval, np.zeros_like(outputs)
-    for late, delay in _delays(problem, ask, r):
-        # The slope is that of the interpolated outputs, which may have kinks.
-        after, before = (delayed(record, outputs[:, late], delay + d) for d in (half, -half))
-        slopes[:, late] = (after - before) / (2.0 * half)
-        outputs[:, late] = delayed(record, outputs[:, late], delay)
-    readings = outputs.copy()
+    order = {name: i for i, name in enumerate(faults())}
+    faulty = [j for j, q in enumerate(local) if q.kind in order]
+    own = sorted(faulty, key=lambda j: order[local[j].kind])
+    links = [
+        (Link(fault_of(q.kind), q.channels), float(values[j]) * q.scale, None)
+        for j in own
+        for q in (local[j],)
+    ]
+    count = columns.shape[2]
+    readings, columns = through(links, observed.record, outputs, columns)
+    by_local = np.zeros((*outputs.shape, len(local)))
+    by_local[..., own] = columns[..., count:] * np.array([local[j].scale for j in own])
     for j, (q, value) in enumerate(zip(local, values, strict=True)):
         if q.kind == "mode":
             assert observed.modes is not None
-            readings += value * observed.modes[:, :, q.index]
-            continue
-        if q.kind == "start":
-            continue
-        y = outputs[:, q.index]
-        column = np.zeros_like(outputs)
-        if q.kind == "delay":
-            column[:, [*q.channels]] = slopes[:, [*q.channels]]
-            columns[j] = column * q.scale
-            continue
-        column[:, q.index] = y if q.kind == "gain" else 1.0
-        columns[j] = column * q.scale
-        readings += value * columns[j]
-    return readings, columns
+            by_local[..., j] = observed.modes[:, :, q.index]
+            readings = readings + value * by_local[..., j]
+    return readings, columns[..., :count], by_local
 
 
 def _residual(observed: Observed, readings: Array) -> Array:

@@ -33,9 +33,9 @@ class Local:
     """One unknown of a single record."""
 
     kind: str
-    """"start", "gain", "offset", "delay" or "mode"."""
+    """"start", "mode", or a fault of a sensor (:mod:`unmodeled.chain`)."""
     index: int
-    """Index of the state, of the channel (of the first one for a delay), or of the mode."""
+    """Index of the state, of the (first) channel, or of the mode."""
     mean: float
     """Prior mean [unit of the unknown]."""
     scale: float
@@ -43,7 +43,7 @@ class Local:
     weight: float = 1.0
     """Square of the scale over the standard deviation of the prior [1]."""
     channels: tuple[int, ...] = ()
-    """Channels that are late together."""
+    """Channels of a sensor with this error, as those with one clock."""
 
     @property
     def unknown(self) -> bool:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from unmodeled.chain import fault_of, faults
 from unmodeled.data import Array, Record, Role
 from unmodeled.data.records import UNNAMED
 from unmodeled.data.smoothing import LEAST_SAMPLES, noise_of_record
@@ -33,8 +34,8 @@ from unmodeled.units import same_unit, weight_hint
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
 WRONG_STATEMENT = 0.05
-#: Expected offset of a sensor in each record, as a share of the motion [1].
-OFFSET = 0.1
+#: Expected offset of a sensor in each record, as a share of the motion, and other errors [1].
+OFFSET, SHARE = 0.1, 0.05
 #: Simulated time after the end of a record, which a fast clock shows, as a share of it [1].
 AFTER = 0.03
 
@@ -230,21 +231,21 @@ def _errors(
 ) -> list[Cause]:
     """Errors of the records that every diagnosis considers, unless the list or a sheet has them."""
     rms, found = spread(records), []
-    if model.accepts(clock) and clock.name not in {e.name for e in effects}:
+    listed = {e.name for e in effects}
+    if model.accepts(clock) and clock.name not in listed:
         found.append(Cause(clock.name, clock.component, clock))
-    stated = {(q.kind, c) for o in records for q in o.local for c in (q.channels or (q.index,))}
+    stated = {(q.kind, c) for o in records for q in o.local for c in q.channels}
     interval = float(np.median([o.record.interval for o in records]))
     for c, name in enumerate(names):
         if len(records) < 2 or rms[c] == 0.0:
             continue
-        late = (c,)
-        for local in (
-            Local("offset", c, 0.0, OFFSET * float(rms[c])),
-            Local("delay", c, 0.0, interval, channels=late),
-        ):
-            if (local.kind, c) not in stated:
-                label = f"{local.kind} of sensor {name} in each record"
-                found.append(Cause(label, f"sensor {name}", local=local))
+        for fault in (f for f in faults().values() if f.each and (f.name, c) not in stated):
+            if not (fault.always or f"{fault.name} of sensor {name}" in listed):
+                continue
+            scale = {"": OFFSET * float(rms[c]), "s": interval}.get(fault.unit, SHARE)
+            label = f"{fault.name} of sensor {name} in each record"
+            local = Local(fault.name, c, 0.0, scale, channels=(c,))
+            found.append(Cause(label, f"sensor {name}", local=local))
     return found
 
 
@@ -315,20 +316,18 @@ def _observed(
     valid = np.isfinite(values)
     sd = np.ones_like(values)
     local: list[Local] = list(_starts(model, record))
-    late: dict[float, list[int]] = {}
+    errors: dict[tuple[str, float, int], list[int]] = {}
     for c, name in enumerate(names):
         if not valid[:, c].any():
             continue
         sensor = record.sensors[name]
         own = noise_of_channel(record, name, noise[name])
         sd[:, c] = own.sd_of_measured(record.time, values[:, c])
-        late.setdefault(sensor.delay_sd, []).append(c)
-        for kind, scale in (("gain", sensor.gain_sd), ("offset", sensor.offset_sd)):
-            if scale > 0.0:
-                local.append(Local(kind, c, 0.0, scale))
-    for scale, clock in late.items():
-        if scale > 0.0:
-            local.append(Local("delay", clock[0], 0.0, scale, channels=tuple(clock)))
+        for kind, scale in sensor.unknown.items():
+            apart = -1 if fault_of(kind).together else c
+            errors.setdefault((kind, scale, apart), []).append(c)
+    for (kind, scale, _), some in errors.items():
+        local.append(Local(kind, some[0], 0.0, scale, channels=tuple(some)))
     more = record.samples - measured.samples
     return Observed(record, np.where(valid, values, 0.0), valid, sd, tuple(local), after=more)
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, prior_of, system, weights
 from unmodeled.search.linear import Ask, evaluate
@@ -259,12 +260,12 @@ def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
         c, gain = cause.local.index, 0.0
         for o, linear in zip(problem.fit, fitted.linears, strict=True):
             readings = o.measured[:, c] - linear.residual[:, c] * o.sd[:, c]
-            pattern = {
-                "offset": np.ones_like(readings),
-                "gain": readings,
-                "delay": -np.gradient(readings, o.record.time),
-            }[cause.local.kind]
-            column = np.where(o.valid[:, c], cause.local.scale * pattern / o.sd[:, c], 0.0)
+            time, valid = o.record.time, o.valid[:, c]
+            if valid.any():
+                readings = np.interp(time, time[valid], readings[valid])
+            fault = fault_of(cause.local.kind)
+            pattern = fault.by_size(o.record, readings[None], 0.0)[0]
+            column = np.where(valid, cause.local.scale * pattern / o.sd[:, c], 0.0)
             column /= fitted.noise[c]
             slope = float(column @ linear.residual[:, c]) / fitted.noise[c]
             gain += 0.5 * slope**2 / (float(column @ column) + 1.0)

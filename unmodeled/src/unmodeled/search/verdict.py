@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.search.changes import explain
@@ -64,12 +65,6 @@ SUPPORTED, WORTH_A_MEMBER = 3, 0.2
 #: Difference of the log likelihoods at the end of a 95 % interval, below which two causes are
 #: equal, and log odds above which both are possible.
 PROFILE, EQUAL, POSSIBLE = 1.92, 1.0, -7.0
-#: Errors of a sensor that differ between records: what differs, and the remedy.
-ERRORS = {
-    "offset": ("zero", "Zero the sensor before each record."),
-    "gain": ("gain", "Calibrate the sensor before each record."),
-    "delay": ("delay", "Synchronize the clocks in each record."),
-}
 #: Half width of a 95 % interval in standard deviations.
 HALF = 1.96
 
@@ -643,8 +638,9 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     """An error of a sensor in each record; its magnitude is the rms over the records."""
     found = problem.causes[cause]
     assert found.local is not None
-    kind = found.local.kind
-    key = (kind, found.local.index)
+    fault = fault_of(found.local.kind)
+    assert fault.each is not None
+    key = (fault.name, found.local.index)
     at = [
         [(q.kind, q.index) for q in local_of(problem, fitted.members, o)].index(key)
         for o in problem.fit
@@ -664,14 +660,14 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     return Named(
         cause=found.name,
         component=found.component,
-        unit={"gain": "1", "delay": "s"}.get(kind, problem.units[found.local.index]),
+        unit=fault.unit or problem.units[found.local.index],
         magnitude=scale * rms,
         low=scale * max(rms - half, 0.0),
         high=scale * (rms + half),
         probability=probability,
         by_record=tuple(scale * v for v in values),
-        mechanism=f"The sensor has another {ERRORS[kind][0]} in each record.",
-        remedy=ERRORS[kind][1],
+        mechanism=f"The sensor has another {fault.each[0]} in each record.",
+        remedy=fault.each[1],
         kind="sensor",
     )
 

@@ -1,0 +1,161 @@
+"""Effects of sensors and inputs: the faults of :mod:`unmodeled.chain` with sizes from a record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from unmodeled.arguments import checked
+from unmodeled.chain import Fault, Link, Signal, fault_of, faults
+from unmodeled.data import Array, Record
+from unmodeled.fit import Effect
+
+
+@checked
+def sensor_fault(
+    outputs: Sequence[str],
+    name: str,
+    fault: str,
+    *,
+    record: Record | None = None,
+    unit: str = "",
+    **fields: Any,
+) -> Effect:
+    """An error of a sensor, which changes a channel of the simulated outputs.
+
+    ``gain``: reading = (1 + m) y; ``offset``: y + m; ``nonlinearity``: y + m y^2 / Y ("even") or
+    y + m y abs(y) / Y ("odd"), where Y is the largest reading; ``delay``: y(t - m); ``lag``:
+    m dr/dt + r = y; ``saturation``: the share 1 - m of what is beyond a highest or lowest reading.
+    m is the magnitude.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    fault
+        Name of the fault.
+    record
+        Record from whose values the expected magnitude follows; None: values of size 1, sampled
+        once a second.
+    unit
+        Unit of the channel; default: that of the record, or 1.
+    fields
+        Fields of :class:`~unmodeled.Effect` that differ, such as ``scale``, ``shapes``.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such fault.
+    """
+    signal = Signal(name, np.array([-1.0, 1.0]), unit=unit or "1")
+    if record is not None:
+        unit = unit or record.sensors[name].unit
+        signal = Signal(name, record.outputs[name], record.interval, unit)
+    own = fault_of(fault)
+    link = Link(own.of(signal), [list(outputs).index(name)])
+    return _effect(own, signal, {"kind": "sensor", "observe": link, **fields})
+
+
+@checked
+def input_fault(
+    name: str, fault: str, *, record: Record | None = None, unit: str = "", **fields: Any
+) -> Effect:
+    """An error of a recorded input, or of a drive, which changes the input of the model.
+
+    ``gain``, ``offset``, ``delay``: errors of the record, as those of a sensor; the true input
+    drives the model. ``nonlinearity``, ``lag``, ``saturation``, ``dead zone``: what the drive makes
+    of the recorded input. If an input acts later, a record does not contain what acts at its begin.
+    Two shapes are tried: the input had the value of the first sample, or it was zero. A record that
+    starts during a motion has the first one.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    fault, record, unit, fields
+        As for :func:`sensor_fault`.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no such fault.
+    """
+    signal = Signal(name, np.array([-1.0, 1.0]), unit=unit or "1", is_input=True)
+    if record is not None:
+        unit = unit or record.input_units.get(name) or "1"
+        signal = Signal(name, record.inputs[name], record.interval, unit, is_input=True)
+    own = fault_of(fault).of(signal)
+
+    def excite(run: Record, size: float, shape: Any) -> Mapping[str, Array]:
+        values = run.inputs[name]
+        if size == 0.0:
+            return {name: values}
+        return {name: (own.act if own.drive else own.undo)(run, values[None], size, shape)[0]}
+
+    kind = "force" if own.drive else "input"
+    return _effect(own, signal, {"kind": kind, "excite": excite, **fields})
+
+
+def _effect(fault: Fault, signal: Signal, fields: Mapping[str, Any]) -> Effect:
+    what = "input" if signal.is_input else "sensor"
+    texts = fault.input if signal.is_input else fault.sensor
+    about = dict(zip(("mechanism", "remedy"), texts or (), strict=False))
+    own: dict[str, Any] = {
+        "name": f"{fault.name} of {what} {signal.name}",
+        "component": f"{what} {signal.name}",
+        "unit": fault.unit or signal.unit,
+    }
+    return Effect(**{**own, **about, **fault.fields(signal), **fields})
+
+
+def clock_rate() -> Effect:
+    """The clock of all channels runs by another rate than that of the model and its inputs.
+
+    At the time t of a record, counted from its first sample, the channels show the outputs at the
+    time (1 + magnitude) t.
+    """
+    return Effect(
+        name="clock of the sensors",
+        component="clock",
+        kind="sensor",
+        observe=Link(fault_of("clock")),
+        scale=0.01,
+        mechanism="The clock of the records runs by another rate than the time of the model.",
+        remedy="Compare the clock with another one over a long time.",
+    )
+
+
+def for_input(name: str, record: Record, *, unit: str | None = None) -> tuple[Effect, ...]:
+    """All input effects, scaled by a record.
+
+    Parameters
+    ----------
+    name
+        Name of the input.
+    record
+        Record from which typical magnitudes are taken.
+    unit
+        Unit of the input; default: that of the record, or 1.
+    """
+    chosen = [n for n, fault in faults().items() if fault.input is not None]
+    return tuple(input_fault(name, n, record=record, unit=unit or "") for n in chosen)
+
+
+def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effect, ...]:
+    """All sensor effects, scaled by a record.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    record
+        Record from which typical magnitudes are taken.
+    """
+    chosen = [n for n, fault in faults().items() if fault.sensor is not None]
+    return tuple(sensor_fault(outputs, name, n, record=record) for n in chosen)
