@@ -272,7 +272,6 @@ def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
             readings = o.measured[:, c] - linear.residual[:, c] * o.sd[:, c]
             pattern = {
                 "offset": np.ones_like(readings),
-                "gain": readings,
                 "delay": -np.gradient(readings, o.record.time),
             }[cause.local.kind]
             column = np.where(o.valid[:, c], cause.local.scale * pattern / o.sd[:, c], 0.0)

@@ -69,7 +69,6 @@ EQUAL, POSSIBLE = 1.0, -7.0
 #: Errors of a sensor that differ between records: what differs, and the remedy.
 ERRORS = {
     "offset": ("zero", "Zero the sensor before each record."),
-    "gain": ("gain", "Calibrate the sensor before each record."),
     "delay": ("delay", "Synchronize the clocks in each record."),
 }
 #: Half width of a 95 % interval in standard deviations.
@@ -665,7 +664,7 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     return Named(
         cause=found.name,
         component=found.component,
-        unit={"gain": "1", "delay": "s"}.get(kind, problem.units[found.local.index]),
+        unit="s" if kind == "delay" else problem.units[found.local.index],
         magnitude=scale * rms,
         low=scale * max(rms - half, 0.0),
         high=scale * (rms + half),
