@@ -326,3 +326,63 @@ def test_no_function_is_told_after_it_has_stopped_the_search(spring, causes):
     assert told.count("search") == 1
     assert [s.causes for s in result.sets] == [()]
     assert result.verdict is Verdict.UNKNOWN
+
+
+def _stopped(stage):
+    """A function that is told the progress, and interrupts in the first step of a stage."""
+    seen = []
+
+    def tell(progress):
+        seen.append(progress.stage)
+        if seen[-2:] == [stage] * 2:
+            raise KeyboardInterrupt
+
+    return tell
+
+
+def _records(*changes, last=3):
+    """Records a, b and, held out, c, with what acts in each."""
+    (a, b, c) = changes
+    return [
+        spring_record("a", 2, **a),
+        spring_record("b", 5, **b),
+        spring_record("c", last, role="held_out", **c),
+    ]
+
+
+HARD = {"hardening": 2000.0}
+FOREIGN = {"foreign": 1.0}
+#: Each reason: what acts in the records, number of half cycles of the held-out one, what else.
+REASONS = {
+    Reason.NOISE_NOT_STATED: ((HARD, HARD, HARD), 3, {}),
+    Reason.DIFFERS_BETWEEN_RECORDS: (
+        ({"hardening": 3000.0}, {"hardening": 1000.0}, HARD), 3, {},
+    ),
+    # At rest, a force remains that no model has: the mean predicts better.
+    Reason.NOT_NEEDED: ((HARD, HARD, {"preload": 0.6}), 0, {}),
+    # At rest, nothing is to be predicted.
+    Reason.NO_HELD_OUT_GAIN: ((HARD, HARD, {}), 0, {}),
+    Reason.NOT_PREDICTED: ((HARD, HARD, HARD), 3, {"progress": _stopped("held_out")}),
+    Reason.CALIBRATION_PREDICTS_WORSE: ((FOREIGN, FOREIGN, {}), 3, {}),
+    Reason.NOT_COMPLETE: ((HARD, HARD, HARD), 3, {"options": Options(seconds=1e-6)}),
+    Reason.INTERRUPTED: ((HARD, HARD, HARD), 3, {"progress": _stopped("search")}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("reason", Reason)
+def test_each_reason_is_reached_by_a_diagnosis(spring, causes, reason):
+    changes, last, options = REASONS[reason]
+    records = _records(*changes, last=last)
+    if reason is Reason.NOISE_NOT_STATED:
+        silent = {"force": Sensor(name="force", unit="N")}
+        records = [replace(r, sensors=silent) for r in records]
+    if reason is Reason.CALIBRATION_PREDICTS_WORSE:
+        k = Parameter(name="k", value=100.0, sd=5.0, unit="N/m")
+        spring = spring.with_parameters({"k": k})
+    result = diagnose(spring, causes, records, **options)
+    assert reason in result.reasons
+    if reason is Reason.NO_HELD_OUT_GAIN:  # a record at rest does not refuse the right cause
+        assert [n.cause for n in result.named] == ["hardening"]
+    if reason is Reason.NOT_NEEDED:
+        assert result.not_needed == ("hardening",)
+        assert Reason.DIFFERS_BETWEEN_RECORDS not in result.reasons

@@ -61,8 +61,8 @@ REASONS = {
     "leaves, as far as neighboring samples do not share it.",
     Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
-    Reason.NOT_NEEDED: "A probable cause is not named{needless}: its interval contains zero, "
-    "the set without it was not fitted, or the held-out records refuse it.",
+    Reason.NOT_NEEDED: "A probable cause is not named{needless}: the set without it was not "
+    "fitted, or the held-out records refuse it.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",

@@ -381,8 +381,8 @@ class Result:
     """Causes that are not named, each of which surely improves the prediction of held-out records,
     together with the named ones."""
     not_needed: tuple[str, ...] = ()
-    """Probable causes that are not named: their interval contains zero, the
-    set without them was not fitted, or the held-out records refuse them."""
+    """Probable causes that are not named: the set without them was not fitted, or the held-out
+    records refuse them."""
     complete: bool = True
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""

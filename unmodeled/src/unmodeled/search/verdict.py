@@ -62,9 +62,9 @@ GOOD_ENOUGH = 0.01
 #: Number of sets from which the search for a supported one begins; log of the smallest ratio of
 #: held-out residuals without and with a member.
 SUPPORTED, WORTH_A_MEMBER = 3, 0.2
-#: Difference of the log likelihoods at the end of a 95 % interval, below which two causes are
-#: equal, and log odds above which both are possible.
-PROFILE, EQUAL, POSSIBLE = 1.92, 1.0, -7.0
+#: Difference of the log likelihoods below which two causes are equal, and log odds above which both
+#: are possible.
+EQUAL, POSSIBLE = 1.0, -7.0
 #: Half width of a 95 % interval in standard deviations.
 HALF = 1.96
 
@@ -138,7 +138,7 @@ def judge(
         except (Stop, KeyboardInterrupt) as stop:
             searched.ended_by = stop
     reasons = {
-        Reason.DIFFERS_BETWEEN_RECORDS: sets[0] is not probable,
+        Reason.DIFFERS_BETWEEN_RECORDS: bool(imitations & {*probable.causes}),
         Reason.NOT_COMPLETE: searched.ended_by is not None,
         Reason.INTERRUPTED: interrupted or _interrupted(searched.ended_by),
         Reason.NOT_NEEDED: bool(not_needed),
@@ -368,8 +368,12 @@ def _at_limit(problem: Problem, fitted: Fitted, cause: int) -> bool:
 
 
 def _worse_than_constant(problem: Problem, predicted: Predicted) -> bool:
-    """Whether the mean of a channel would predict the held-out records better."""
-    return bool(np.any(predicted.rms(problem) > spread(problem.held_out)))
+    """Whether the mean of a channel would predict the held-out records better.
+
+    Not if a record shows noise only: at rest, no model is better than the mean.
+    """
+    least = np.maximum(spread(problem.held_out), 2.0 * problem.noise)
+    return bool(np.any(predicted.rms(problem) > least))
 
 
 def _not_needed(
@@ -381,12 +385,11 @@ def _not_needed(
 ) -> list[int]:
     """The first told cause that is not needed, or all if the held-out records refuse their set.
 
-    A cause is needed if the set without it was fitted, its interval or that of the evidence
-    excludes zero.
+    A cause is needed if the set without it was fitted: its evidence is that of both.
     """
     if not told:
         return []
-    best, by_causes = _representative(sets, told, ()), {s.causes: s for s in sets}
+    best, by_causes = _representative(sets, told, ()), {s.causes for s in sets}
     ours, base = predicted.get(best.causes), predicted.get(())
     if ours is not None and base is not None:
         worse = compare(ours, base, best.noise, best.effective)[1] > 0.0
@@ -395,11 +398,7 @@ def _not_needed(
     for i in told:
         if problem.causes[i].local is not None:
             continue
-        rest = by_causes.get(tuple(k for k in best.causes if k != i))
-        k = index_of(problem, best.members, i)
-        x, sd = best.point.x[k], math.sqrt(max(_covariance(problem, best)[k, k], 0.0))
-        zero = abs(x) < HALF * sd and (rest is None or _worse_by(problem, rest, best) < PROFILE)
-        if rest is None or zero:
+        if tuple(k for k in best.causes if k != i) not in by_causes:
             return [i]
     return []
 
