@@ -21,7 +21,7 @@ __all__ = [
     "plot_measured_loop",
 ]
 
-LOADING, UNLOADING, ELASTIC, FRICTION = "#1b6ca8", "#d1495b", "#2e8b57", "#edae49"
+LOADING, UNLOADING, FRICTION = "#1b6ca8", "#d1495b", "#edae49"
 GRAYS = ("#bbbbbb", "#888888", "#555555", "#222222")
 
 

@@ -29,10 +29,10 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from feltmb import __version__
 from feltmb.graphics.viewer import script_of
-from feltmb.live.desk import Desk
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Measured, Shelf
+from feltmb.live.measured import Measured, Uploads
 from feltmb.live.pictures import default_shown, listed_outputs
+from feltmb.live.request_queue import RequestQueue
 from feltmb.live.states import Asked, Playing, Turned, fault_of
 from feltmb.mechanism import files_of, load_action
 from feltmb.params import names
@@ -68,12 +68,12 @@ class Studio:
         self.pool = ThreadPoolExecutor(max(4, os.cpu_count() or 4), thread_name_prefix="live")
         self.pages: set[Page] = set()
         self._folder = tempfile.TemporaryDirectory(prefix="feltmb-live")
-        self.shelf = Shelf(Path(self._folder.name))
+        self.uploads = Uploads(Path(self._folder.name))
         for path in records:
             if is_file(sheet := path.with_suffix(".toml")):
-                self.shelf.add(sheet.name, read_input(sheet, most=MOST_UPLOAD))
-            self.shelf.add(path.name, read_input(path, most=MOST_UPLOAD))
-        self.files = self.shelf.listing()  # of every page; others are of the page that added them
+                self.uploads.add(sheet.name, read_input(sheet, most=MOST_UPLOAD))
+            self.uploads.add(path.name, read_input(path, most=MOST_UPLOAD))
+        self.files = self.uploads.listing()  # of every page; others are of the page that added them
         path = Path(mechanism)
         self._file = path if is_file(path) else None
         self._seen = stamps(files_of(self._file)) if self._file is not None else {}
@@ -126,10 +126,10 @@ class Page:
         self.socket = socket
         self._box: dict[str, dict[str, Any]] = {}
         self._filled = asyncio.Event()
-        self.desk = Desk(lambda: studio.bench, studio.pool, self.tell)
-        self.measured = Measured(lambda: studio.bench, studio.shelf, studio.pool, self.tell)
+        self.requests = RequestQueue(lambda: studio.bench, studio.pool, self.post)
+        self.measured = Measured(lambda: studio.bench, studio.uploads, studio.pool, self.post)
 
-    def tell(self, kind: str, message: dict[str, Any]) -> None:
+    def post(self, kind: str, message: dict[str, Any]) -> None:
         """Queue a message for the page; a newer message replaces an unsent one of the same kind."""
         self._box[kind] = message
         self._filled.set()
@@ -139,7 +139,7 @@ class Page:
         await self.greet()
         tasks = [
             asyncio.create_task(each)
-            for each in (self._hear(), self._send(), self.desk.work(), self.measured.work())
+            for each in (self._hear(), self._send(), self.requests.work(), self.measured.work())
         ]
         try:
             done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -147,7 +147,7 @@ class Page:
                 if (fault := task.exception()) is not None:
                     raise fault
         finally:
-            self.desk.close()
+            self.requests.close()
             self.measured.close()
             for task in tasks:
                 task.cancel()
@@ -160,8 +160,8 @@ class Page:
             found = await loop.run_in_executor(self.studio.pool, greeting, bench)
         except Exception as error:  # otherwise the page would be empty
             found = {"faults": fault_of(error).splitlines()}
-        self.desk.again()
-        self.tell(
+        self.requests.again()
+        self.post(
             "hello",
             {
                 "on": "hello",
@@ -184,9 +184,9 @@ class Page:
                 message = json.loads(text)
                 self._do(message)
             except (ValueError, RecursionError) as error:  # an invalid message
-                self.tell("refused", {"on": "refused", "text": str(error)[:2000]})
+                self.post("refused", {"on": "refused", "text": str(error)[:2000]})
             except Exception as error:  # otherwise the page would end
-                self.tell("refused", {"on": "refused", "text": fault_of(error)})
+                self.post("refused", {"on": "refused", "text": fault_of(error)})
 
     def _do(self, message: Any) -> None:
         if not isinstance(message, dict):
@@ -197,11 +197,11 @@ class Page:
             slot = given.pop("slot", "a")
             if slot not in ("a", "b"):
                 raise InvalidParameter("slot: expected a or b")
-            self.desk.ask(slot, Asked.read(given))
+            self.requests.ask(slot, Asked.read(given))
         elif what == "forget":
-            self.desk.forget("b")
+            self.requests.forget("b")
         elif what == "regulate":
-            self.desk.regulate(Turned.model_validate(given.get("turned", {})))
+            self.requests.regulate(Turned.model_validate(given.get("turned", {})))
         elif what == "measure":
             self.measured.ask(given)
         elif what == "diagnose":
@@ -418,11 +418,11 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
     async def upload(request: Request) -> Response:
         name = request.query_params.get("name", "record.csv")
         data = await body_of(request, MOST_UPLOAD)
-        entry = await in_thread(lambda: studio.shelf.add(name, data))
+        entry = await in_thread(lambda: studio.uploads.add(name, data))
         return JSONResponse(entry, headers=HEADERS)
 
     async def remove(request: Request) -> Response:
-        studio.shelf.remove(request.path_params["file"])
+        studio.uploads.remove(request.path_params["file"])
         return JSONResponse({}, headers=HEADERS)
 
     async def socket(websocket: WebSocket) -> None:

@@ -42,8 +42,8 @@ MOST_FILES = 12
 #: Largest number of numbers of the uploaded files, which are kept in memory.
 MOST_KEPT = 60_000_000
 #: Number of samples of a curve, number of drawn records, interval of progress messages [s].
-MOST_SAMPLES, MOST_RECORDS, TELL_EVERY = 1500, 6, 0.3
-#: Number of told parameters and of told candidates; smallest probability of a candidate [1].
+MOST_SAMPLES, MOST_RECORDS, PROGRESS_EVERY = 1500, 6, 0.3
+#: Number of listed parameters and of listed candidates; smallest probability of a candidate [1].
 MOST_ROWS, LEAST = 8, 0.01
 
 Text = Annotated[str, Field(max_length=200)]
@@ -74,7 +74,7 @@ class _Asked(BaseModel):
     seconds: Annotated[float, Field(gt=0, le=7200)] = 300.0
 
 
-class _Shelved(NamedTuple):
+class _Upload(NamedTuple):
     name: str
     path: Path
     columns: Columns
@@ -83,11 +83,11 @@ class _Shelved(NamedTuple):
 
 
 @dataclass
-class Shelf:
+class Uploads:
     """Uploaded files, in a separate folder with names of the server, and their columns."""
 
     folder: Path
-    _files: dict[str, _Shelved] = field(default_factory=dict)
+    _files: dict[str, _Upload] = field(default_factory=dict)
     _sheets: dict[str, bytes] = field(default_factory=dict)
     _numbers: Any = field(default_factory=lambda: itertools.count(1))
 
@@ -138,7 +138,7 @@ class Shelf:
             or sum(_size(f.columns) for f in self._files.values()) > room
         ):
             self.remove(next(iter(self._files)))
-        self._files[key] = _Shelved(plain_name, path, columns, digest)
+        self._files[key] = _Upload(plain_name, path, columns, digest)
         return self._entry(key)
 
     def _entry(self, key: str) -> dict[str, Any]:
@@ -179,11 +179,11 @@ class Measured:
     def __init__(
         self,
         bench: Callable[[], Bench],
-        shelf: Shelf,
+        uploads: Uploads,
         pool: Executor,
-        tell: Callable[[str, dict[str, Any]], None],
+        post: Callable[[str, dict[str, Any]], None],
     ):
-        self._bench, self._shelf, self._pool, self._tell = bench, shelf, pool, tell
+        self._bench, self._uploads, self._pool, self._post = bench, uploads, pool, post
         self._asked: _Asked | None = None
         self._wake = asyncio.Event()
         self._stop = False
@@ -231,7 +231,7 @@ class Measured:
                 found = await loop.run_in_executor(self._pool, self._overlay, asked, bench)
             except Exception as error:  # otherwise the page would get no more answers
                 found = self._fault(error)
-            self._tell("measured", {"on": "measured", "id": asked.id, **found})
+            self._post("measured", {"on": "measured", "id": asked.id, **found})
 
     def _fault(self, error: Exception) -> dict[str, Any]:
         """Message of an error for the page."""
@@ -239,7 +239,7 @@ class Measured:
 
     def _named(self, text: str) -> str:
         """A message without the folder of the files."""
-        return re.sub(re.escape(str(self._shelf.folder)) + r"/r\d+/", "", text)
+        return re.sub(re.escape(str(self._uploads.folder)) + r"/r\d+/", "", text)
 
     def _records(self, asked: _Asked, model: Any) -> tuple[Record, ...]:
         signals = Signals(
@@ -249,7 +249,7 @@ class Measured:
             units=model.units if model.input_modes else {},
             names=model.input_names,
         )
-        kept = self._shelf.kept(asked.files)
+        kept = self._uploads.kept(asked.files)
         groups = read_each(list(kept), signals, asked.reading.options(), kept)
         return tuple(r for group in groups for r in group)
 
@@ -292,25 +292,25 @@ class Measured:
         bench = self._bench()
         last = [0.0]
 
-        def tell(p: Progress) -> None:
+        def show_progress(p: Progress) -> None:
             if self._stop:
                 raise Stop
             now = time.monotonic()
-            if now - last[0] < TELL_EVERY:
+            if now - last[0] < PROGRESS_EVERY:
                 return
             last[0] = now
             left = p.left if math.isfinite(p.left) else None
             message = {"on": "diagnosing", "stage": p.stage, "share": p.share, "left": left}
-            loop.call_soon_threadsafe(self._tell, "diagnosing", message)
+            loop.call_soon_threadsafe(self._post, "diagnosing", message)
 
         def work() -> dict[str, Any]:
             model, effects = mechanism_model(asked.turned.action(bench))
             options = Options(seconds=asked.seconds)
             report = diagnose(
-                model, effects, self._records(asked, model), options=options, progress=tell
+                model, effects, self._records(asked, model), options=options, progress=show_progress
             )
             self._believed = (_state(asked, bench), Belief.of_report(report))
-            return told(report, effects, bench) | {"stopped": self._stop}
+            return diagnosis_message(report, effects, bench) | {"stopped": self._stop}
 
         await self._answer("diagnosis", work)
 
@@ -322,7 +322,7 @@ class Measured:
             if self._stop:
                 raise Abandoned("given up")
             message = {"on": "planning", "stage": stage, "done": done, "total": total}
-            loop.call_soon_threadsafe(self._tell, "planning", message)
+            loop.call_soon_threadsafe(self._post, "planning", message)
 
         def work() -> dict[str, Any]:
             model, effects = mechanism_model(asked.turned.action(bench))
@@ -346,7 +346,7 @@ class Measured:
             found = {"fault": "stopped before the model was fitted to the records"}
         except Exception as error:  # otherwise the page would wait forever
             found = self._fault(error)
-        self._tell(on, {"on": on, **found})
+        self._post(on, {"on": on, **found})
 
 
 def _read(given: Mapping[str, Any]) -> _Asked:
@@ -362,8 +362,8 @@ def _state(asked: _Asked, bench: Bench) -> Any:
     return (asked.files, asked.reading, asked.turned, bench.action.hash)
 
 
-def told(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, Any]:
-    """A report for the page: what is told, parameters that moved, candidates, colors of parts.
+def diagnosis_message(report: Report, effects: Sequence[Effect], bench: Bench) -> dict[str, Any]:
+    """A report for the page: what is missing, parameters that moved, candidates, colors of parts.
 
     Parameters
     ----------

@@ -106,8 +106,8 @@ def give_back_large_arrays() -> bool:
     """
     if not sys.platform.startswith("linux"):
         return False
-    tell = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none, and needs none
-    return tell is not None and bool(tell(M_MMAP_THRESHOLD, LARGE))
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # musl has none, and needs none
+    return mallopt is not None and bool(mallopt(M_MMAP_THRESHOLD, LARGE))
 
 
 @contextlib.contextmanager

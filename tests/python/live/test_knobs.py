@@ -4,7 +4,7 @@ import pytest
 
 import feltmb
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Shelf, knob_of, tint_of, told
+from feltmb.live.measured import Uploads, diagnosis_message, knob_of, tint_of
 from feltmb.live.states import MOST_KNOTS, Asked, Playing
 from unmodeled import Effect, Report, Verdict
 from unmodeled.errors import InvalidParameter
@@ -98,7 +98,7 @@ def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
     result = Result(Verdict.NAMED, (), (channel,), (named,), ((one, other),), values, sets,
                     changed=((values[1],),), without=without)  # fmt: skip
     effects = (Effect(name="creep", component="felt", mechanism="It creeps."),)
-    page = told(Report.of(result), effects, bench)
+    page = diagnosis_message(Report.of(result), effects, bench)
     assert page["verdict"] == "Named"
     effects = [c["effect"] for c in page["causes"]]
     assert effects == ["let_off_button", "felt.06", "input_delay", "lag"]
@@ -158,20 +158,20 @@ def test_every_way_to_play_is_a_stroke(kind):
     assert 0.0 < Playing(kind=kind).stroke().duration <= 3.0
 
 
-def test_the_shelf_keeps_a_few_files_under_names_of_its_own(tmp_path):
+def test_uploads_keep_a_few_files_under_names_of_its_own(tmp_path):
     from feltmb.live.measured import MOST_FILES
 
-    shelf = Shelf(tmp_path)
+    uploads = Uploads(tmp_path)
     for k in range(MOST_FILES + 3):
-        entry = shelf.add(f"../../r{k}.csv", b"time [s],u [V]\n0,1\n1,2\n")
+        entry = uploads.add(f"../../r{k}.csv", b"time [s],u [V]\n0,1\n1,2\n")
     assert entry["name"] == f"r{MOST_FILES + 2}.csv"
-    assert len(shelf.listing()) == MOST_FILES
-    files = shelf.kept([f["file"] for f in shelf.listing()])
+    assert len(uploads.listing()) == MOST_FILES
+    files = uploads.kept([f["file"] for f in uploads.listing()])
     assert len(files) == MOST_FILES
     assert all(tmp_path in path.parents for path in files)
     assert not (tmp_path.parent / "r0.csv").exists()
     with pytest.raises(InvalidParameter, match="expected a file"):
-        shelf.add("page.html", b"")
+        uploads.add("page.html", b"")
 
 
 def test_without_the_extra_the_message_says_what_to_install(monkeypatch):
@@ -186,15 +186,15 @@ def test_without_the_extra_the_message_says_what_to_install(monkeypatch):
 
 
 def test_a_file_that_comes_twice_is_there_once_and_its_toml_describes_it(tmp_path):
-    shelf, data = Shelf(tmp_path), b"t,a\n0,1\n1,2\n"
-    first = shelf.add("rig.csv", data)
-    assert shelf.add("rig.csv", data) == first
-    assert shelf.add("rig.csv", data + b"2,3\n")["file"] != first["file"]
-    assert shelf.add("rig.toml", b'time_unit = "ms"\n') == {"describes": ["rig.csv"] * 2}
-    assert shelf.add("late.toml", b'time_unit = "s"\n') == {"describes": []}
-    late = shelf.add("late.csv", data)
-    paths = list(shelf.kept([first["file"], late["file"]]))
+    uploads, data = Uploads(tmp_path), b"t,a\n0,1\n1,2\n"
+    first = uploads.add("rig.csv", data)
+    assert uploads.add("rig.csv", data) == first
+    assert uploads.add("rig.csv", data + b"2,3\n")["file"] != first["file"]
+    assert uploads.add("rig.toml", b'time_unit = "ms"\n') == {"describes": ["rig.csv"] * 2}
+    assert uploads.add("late.toml", b'time_unit = "s"\n') == {"describes": []}
+    late = uploads.add("late.csv", data)
+    paths = list(uploads.kept([first["file"], late["file"]]))
     texts = [path.with_suffix(".toml").read_text() for path in paths]
     assert texts == ['time_unit = "ms"\n', 'time_unit = "s"\n']
     with pytest.raises(InvalidParameter, match="drop a measured file first"):
-        shelf.kept([])
+        uploads.kept([])

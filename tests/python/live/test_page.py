@@ -352,8 +352,8 @@ def test_a_dropped_csv_is_held_against_it(opened, live):
     assert opened.run("document.querySelectorAll('#more .uplot canvas').length") == 1
     assert opened.run("overlay === document.querySelector('#more .uplot')")
     assert opened.complaints() == []
-    for entry in live.studio.shelf.listing():
-        live.studio.shelf.remove(entry["file"])
+    for entry in live.studio.uploads.listing():
+        live.studio.uploads.remove(entry["file"])
 
 
 def test_a_proposed_stroke_is_played_by_a_click(opened):

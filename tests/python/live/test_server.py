@@ -27,11 +27,11 @@ import feltmb
 from feltmb import Action
 from feltmb.action.touch import static_touch
 from feltmb.adapters.changes import Change
-from feltmb.live.desk import Desk, simulated
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Measured, Shelf
+from feltmb.live.measured import Measured, Uploads
 from feltmb.live.pictures import listed_outputs
 from feltmb.live.proposals import STROKES
+from feltmb.live.request_queue import RequestQueue, simulated
 from feltmb.live.states import Playing
 from feltmb.run.sound import sampled, wav
 from unmodeled import Progress, Stop
@@ -141,7 +141,7 @@ def test_a_thousand_changes_at_once_make_few_simulations(live, client):
         for k in range(1000):
             page.send("simulate", id=k, turned={"knobs": {"screw.let-off": 1e-6 * k}})
         last = page.until(lambda m: m["on"] == "run" and m["id"] == 999)
-        counts = mine.desk.counts
+        counts = mine.requests.counts
         assert counts["asked"] == 1000
         assert counts["begun"] < 200
         assert len(mine._box) <= 4
@@ -149,31 +149,31 @@ def test_a_thousand_changes_at_once_make_few_simulations(live, client):
 
 
 def test_a_newer_change_stops_an_older_simulation(live, client, monkeypatch):
-    from feltmb.live import desk
+    from feltmb.live import request_queue
 
-    monkeypatch.setattr(desk, "PATIENCE", 1e9)
+    monkeypatch.setattr(request_queue, "PATIENCE", 1e9)
     long = {"kind": "repeat", "rate": 4.0, "count": 10}
     before = set(live.studio.pages)  # may still be closing
     with client(live) as page:
         (mine,) = live.studio.pages - before
         page.run(1, "quick")
         page.send("simulate", id=2, playing=long)
-        while mine.desk.counts["begun"] < 2 or mine.desk._done["a"].id != 2:
+        while mine.requests.counts["begun"] < 2 or mine.requests._done["a"].id != 2:
             pass
         page.send("simulate", id=3)
         assert page.until(lambda m: m["on"] == "run")["id"] == 3
-        assert mine.desk.counts["stopped"] >= 1
+        assert mine.requests.counts["stopped"] >= 1
 
 
 @pytest.mark.parametrize("steps", range(6))
 def test_the_work_of_a_page_ends_even_when_something_is_asked_with_its_end(steps):
     async def page():
-        desk = Desk(lambda: None, None, lambda *_: None)
-        work = asyncio.create_task(desk.work())
-        desk.regulate(None)  # awake, with nothing to do
+        queue = RequestQueue(lambda: None, None, lambda *_: None)
+        work = asyncio.create_task(queue.work())
+        queue.regulate(None)  # awake, with nothing to do
         for _ in range(3):
             await asyncio.sleep(0.005)
-        desk._wake.set()
+        queue._wake.set()
         for _ in range(steps):
             await asyncio.sleep(0)
         work.cancel()
@@ -430,7 +430,7 @@ def test_measured_files_are_held_against_it(live, client):
     assert httpx.delete(live.address + f"records/{files[0]}", headers=own(live)).status_code == 200
     bad = httpx.post(live.address + "records", content=b"<html>", **post)
     assert bad.status_code == 422
-    assert str(live.studio.shelf.folder) not in bad.text
+    assert str(live.studio.uploads.folder) not in bad.text
 
 
 def test_pixels_and_frames_are_entered_and_a_new_page_is_empty(live, client):
@@ -522,7 +522,7 @@ def test_memory_is_flat_while_dragging(live, client):
 @pytest.mark.slow
 def test_a_diagnosis_names_a_capstan_and_the_page_can_apply_it(serve, client, capstan_records):
     with serve() as live, client(live) as page:
-        files = [live.studio.shelf.add(n, t.encode())["file"] for n, t in capstan_records.items()]
+        files = [live.studio.uploads.add(n, t.encode())["file"] for n, t in capstan_records.items()]
         page.send("diagnose", files=files, seconds=300.0)
         told = page.until(lambda m: m["on"] == "diagnosis", 3000.0)
         assert not told["stopped"]
@@ -575,14 +575,16 @@ def test_a_stopped_diagnosis_answers_with_the_fits_so_far(fitted, monkeypatch):
         return SimpleNamespace()
 
     monkeypatch.setattr("feltmb.live.measured.diagnose", endless)
-    monkeypatch.setattr("feltmb.live.measured.told", lambda *_: {"verdict": "Calibrated"})
+    monkeypatch.setattr(
+        "feltmb.live.measured.diagnosis_message", lambda *_: {"verdict": "Calibrated"}
+    )
     monkeypatch.setattr("feltmb.live.measured.Belief.of_report", lambda _: None)
     monkeypatch.setattr(Measured, "_records", lambda *_: ())
 
     async def page():
         measured = Measured(
             lambda: Bench(feltmb.load_action("steinway45")),
-            Shelf(Path()),
+            Uploads(Path()),
             ThreadPoolExecutor(1),
             lambda kind, message: messages.append((kind, message)),
         )
@@ -619,7 +621,7 @@ def test_an_unexpected_error_reaches_the_page_and_the_log(work, monkeypatch, cap
     async def page():
         measured = Measured(
             lambda: Bench(feltmb.load_action("steinway45")),
-            Shelf(Path()),
+            Uploads(Path()),
             ThreadPoolExecutor(1),
             lambda kind, message: messages.append((kind, message)),
         )

@@ -1052,7 +1052,6 @@ CALLS = {
     ),
     "unmodeled.Record.stretched": lambda: (record(), {"factor": 60.0}),
     "unmodeled.Record.output_array": lambda: (record(), {"names": ["q"]}),
-    "unmodeled.Record.part_of": lambda: (record(), {"name": "one"}),
     "unmodeled.Record.with_changed_inputs": lambda: (
         record(),
         {"change": lambda whole: {"f": 2.0 * whole.inputs["f"]}},

@@ -95,11 +95,6 @@ def test_a_record_knows_its_whole_and_what_was_before():
         ("run[held-out]", "run"),
     ):
         assert replace(one, name=name).whole == whole
-        assert replace(one, name=name).part_of(whole)
-        assert replace(one, name=name).part_of(name)
-    assert replace(one, name="run[1/2][3/4]").part_of("run[1/2]")
-    for name in ("run [1]", "run1", "run[a]", "run[a][1/2]", "other[1/2]"):
-        assert not replace(one, name=name).part_of("run")
     late = one.cut(5, 15)
     assert late.excitation != replace(late, before=None).excitation
     assert late.excitation != replace(late, input_mode="motion").excitation

@@ -40,8 +40,6 @@ from unmodeled.units import conversion_factor
 from unmodeled.units.quantity import SI, Schema, fault_lines, fault_text, shortened
 
 if TYPE_CHECKING:
-    import xarray as xr
-
     Array = npt.NDArray[np.float64]
 
 #: Coefficients of the dampers in thesis sections 5.2.2 and 5.2.3 [N m s/rad].
@@ -468,20 +466,6 @@ class ActuatorRun:
 
     def __contains__(self, name: object) -> bool:
         return name in self.names
-
-    def to_dataset(self) -> xr.Dataset:
-        """All outputs with their units."""
-        import xarray as xr
-
-        time, *variables = self._variables()
-        return xr.Dataset(
-            {
-                v.name: ("time", v.values, {"units": v.unit, "long_name": v.long_name})
-                for v in variables
-            },
-            coords={"time": ("time", time.values, {"units": time.unit})},
-            attrs=self._attributes(),
-        )
 
     def _variables(self) -> list[Variable]:
         rows = zip(self.names, self.units, self.long_names, strict=True)

@@ -35,5 +35,5 @@ def settings(
     _context: click.Context, _parameter: click.Parameter, incomplete: str
 ) -> list[CompletionItem]:
     """Settings of the model of an extension on the command line."""
-    found = (item for e in extensions() for item in e.settings(words(), incomplete))
-    return [CompletionItem(item) for item in found]
+    items = (item for e in extensions() for item in e.settings(words(), incomplete))
+    return [CompletionItem(item) for item in items]

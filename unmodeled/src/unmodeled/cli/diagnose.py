@@ -379,7 +379,7 @@ def blind(
     loaded = loaded.with_records(records, exclude)
     if out is not None:
         make_folder(out)
-    found = withhold(
+    study = withhold(
         loaded.model,
         loaded.effects,
         records,
@@ -390,7 +390,7 @@ def blind(
         options=options,
         progress=_CaseLine(),
     )
-    result = found.as_dict()
+    result = study.as_dict()
     if out is not None:
         text = json.dumps(result, indent=1, sort_keys=True) + "\n"
         save_text(out / "blind.json", text, force=True)
@@ -400,12 +400,12 @@ def blind(
     from unmodeled.search.result import OUTCOMES
 
     rows = []
-    for row in found.rows():
+    for row in study.rows():
         ratio = f"{row['signal_to_noise']:.3g}" if row["effect"] else ""
         counts = [str(row[word] or "") for word in OUTCOMES]
         rows.append([row["effect"] or "(nothing)", ratio, *counts])
     show("withheld", f"=effect | >S/N | {' | '.join(f'>{word}' for word in OUTCOMES)}", rows)
-    shares = found.shares()
+    shares = study.shares()
     for word, text in (
         ("right", "right, signal-to-noise ratio of 5 or more"),
         ("wrong", "wrong, signal-to-noise ratio of 5 or more"),

@@ -60,11 +60,11 @@ def _delays(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _references(texts: Sequence[str]) -> dict[str, str]:
-    found = pairs("--reference", texts, "[CHANNEL=]KIND", bare=True)
-    for kind in found.values():
+    kinds = pairs("--reference", texts, "[CHANNEL=]KIND", bare=True)
+    for kind in kinds.values():
         if kind not in ("absolute", "rest"):
             raise InvalidParameter(f"--reference {kind}: expected absolute or rest")
-    return found
+    return kinds
 
 
 def _numbers(texts: Sequence[str]) -> tuple[float, ...]:
@@ -256,7 +256,7 @@ def _read_config(context: click.Context, _parameter: click.Parameter, path: Path
         for text in p.opts
         if isinstance(p, click.Option) and text.startswith("--") and p.expose_value
     }
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, value in read_toml(path).items():
         option = options.get(key)
         if option is None:
@@ -267,8 +267,8 @@ def _read_config(context: click.Context, _parameter: click.Parameter, path: Path
             value = [f"{name}={text}" for name, text in value.items()]
         elif option.multiple and not isinstance(value, list):
             value = [value]
-        found[str(option.name)] = [str(v) for v in value] if option.multiple else value
-    context.default_map = {**(context.default_map or {}), **found}
+        values[str(option.name)] = [str(v) for v in value] if option.multiple else value
+    context.default_map = {**(context.default_map or {}), **values}
 
 
 def load_named(

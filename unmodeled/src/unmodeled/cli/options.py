@@ -267,16 +267,16 @@ def pairs(
     InvalidParameter
         A text is no pair, or a name is given twice.
     """
-    found: dict[str, str] = {}
+    values: dict[str, str] = {}
     for text in texts:
         head, mark, tail = (part.strip() for part in text.partition("="))
         name, value = (head, tail) if mark or not bare else ("", head)
         if not value or (mark and not name) or not (mark or bare):
             raise InvalidParameter(f"{option} {text}: expected {form}")
-        if name in found:
+        if name in values:
             raise InvalidParameter(f"{option} {name or 'without a name'}: given twice")
-        found[name] = value
-    return found
+        values[name] = value
+    return values
 
 
 # --- parameters of a command ---------------------------------------------------------------------
@@ -448,15 +448,15 @@ def _field_option(
 @cache
 def _texts(target: type) -> dict[str, str]:
     """First sentence of the documentation of each field."""
-    found = {}
+    texts = {}
     doc = inspect.getdoc(target) or ""
     for m in re.finditer(r"^(\w+) : .*\n((?:    .*\n?|\n)+)", doc, re.MULTILINE):
-        found[m[1]] = m[2]
+        texts[m[1]] = m[2]
     body = ast.parse(textwrap.dedent(inspect.getsource(target))).body[0].body  # type: ignore[attr-defined]
     for node, after in pairwise(body):
         if isinstance(node, ast.AnnAssign) and isinstance(after, ast.Expr):
-            found[ast.unparse(node.target)] = ast.literal_eval(after.value)
-    return {name: _first_sentence(text) for name, text in found.items()}
+            texts[ast.unparse(node.target)] = ast.literal_eval(after.value)
+    return {name: _first_sentence(text) for name, text in texts.items()}
 
 
 def _first_sentence(text: str) -> str:

@@ -72,25 +72,33 @@ def check(
     from unmodeled import check
 
     loaded = load_named(name, settings, stated=stated)
-    found = check(loaded.model, loaded.read(data, reading))
+    comparison = check(loaded.model, loaded.read(data, reading))
     if as_json:
         rows = [{k: None if isinstance(v, float) and not isfinite(v) else v for k, v in r.items()}
-                for r in found.frame.to_dict("records")]  # fmt: skip
-        print_json({"rows": rows, "hints": [asdict(h) for h in found.hints], "notes": found.notes})
+                for r in comparison.frame.to_dict("records")]  # fmt: skip
+        print_json(
+            {
+                "rows": rows,
+                "hints": [asdict(h) for h in comparison.hints],
+                "notes": comparison.notes,
+            }
+        )
     else:
         units = loaded.model.units
-        _print_channels(_channels(found.records))
+        _print_channels(_channels(comparison.records))
         inputs = [
             (r.name, n, r.input_units.get(n) or units.get(n) or "1", f"{v.min():.4g}",
              f"{v.max():.4g}")
-            for r in found.records for n, v in r.inputs.items()
+            for r in comparison.records for n, v in r.inputs.items()
         ]  # fmt: skip
         if inputs:
             heads = "=record | =input | unit | >lowest | >highest"
             show("inputs of the model", heads, inputs)
-        _print_comparison(found)
-        _print_notes([*(h.text for h in found.hints), *found.notes, *_without_noise(found)])
-    save_figure(picture, found.plot, force=force)
+        _print_comparison(comparison)
+        _print_notes(
+            [*(h.text for h in comparison.hints), *comparison.notes, *_without_noise(comparison)]
+        )
+    save_figure(picture, comparison.plot, force=force)
 
 
 def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
@@ -158,13 +166,13 @@ def _print_channels(channels: Sequence[dict[str, Any]]) -> None:
     )  # fmt: skip
 
 
-def _print_comparison(found: Comparison) -> None:
+def _print_comparison(comparison: Comparison) -> None:
     """Print a table for each record, because a table is as wide as a terminal."""
 
     def size(value: float, unit: str) -> str:
         return " ".join(pretty(value, unit)) if unit != "1" else f"{value:.4g}"
 
-    for record in found.records:
+    for record in comparison.records:
         rows = [
             (
                 r.channel,
@@ -175,20 +183,20 @@ def _print_comparison(found: Comparison) -> None:
                 size(r.delay, "s") if isfinite(r.delay) else "",
                 f"{r.correlation:.3f}",
             )
-            for r in [r for r in found.rows if r.record == record.name][:MOST_CHANNELS]
+            for r in [r for r in comparison.rows if r.record == record.name][:MOST_CHANNELS]
         ]
         heads = "=channel | =>rms | =>of motion | =>in noise | =>factor | =>delay | =>corr."
         stated = any(row[3] for row in rows)
         show(
-            f"{record.name} - {found.model}, nothing fitted",
+            f"{record.name} - {comparison.model}, nothing fitted",
             heads if stated else heads.replace(" | =>in noise", ""),
             rows if stated else [(*row[:3], *row[4:]) for row in rows],
         )
 
 
-def _without_noise(found: Comparison) -> list[str]:
+def _without_noise(comparison: Comparison) -> list[str]:
     """Sentence about the channels whose difference is not given in noise."""
-    names = dict.fromkeys(r.channel for r in found.rows if not r.stated)
+    names = dict.fromkeys(r.channel for r in comparison.rows if not r.stated)
     if not names:
         return []
     return [

@@ -43,9 +43,9 @@ class LazyGroup(click.Group):
         if cmd_name not in self.listed:
             return None
         module, _, name = self.listed[cmd_name][0].partition(":")
-        found = getattr(importlib.import_module(module), name or "command")
-        assert isinstance(found, click.Command)
-        return found
+        command = getattr(importlib.import_module(module), name or "command")
+        assert isinstance(command, click.Command)
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the list of the commands without importing them."""

@@ -89,9 +89,9 @@ def console(*, stderr: bool = False) -> Console:
 
     class Collector(Console):
         def print(self, *objects: Any, **_options: Any) -> None:
-            found = _collected.get()
-            assert found is not None
-            found["tables"] += [_table_data(o) for o in objects if hasattr(o, "columns")]
+            collected = _collected.get()
+            assert collected is not None
+            collected["tables"] += [_table_data(o) for o in objects if hasattr(o, "columns")]
 
     return Collector(highlight=False, markup=False, emoji=False)
 
@@ -168,9 +168,9 @@ def collected_json(function: Callable[..., None], *, as_json: bool, **given: Any
     if not as_json:
         function(**given)
         return
-    found: dict[str, list[Any]] = {"tables": [], "written": []}
+    collected: dict[str, list[Any]] = {"tables": [], "written": []}
     fault: Error | None = None
-    token = _collected.set(found)
+    token = _collected.set(collected)
     try:
         with contextlib.redirect_stdout(sys.stderr):
             function(**given)
@@ -178,7 +178,7 @@ def collected_json(function: Callable[..., None], *, as_json: bool, **given: Any
         fault = error
     finally:
         _collected.reset(token)
-    result: dict[str, Any] = {key: value for key, value in found.items() if value}
+    result: dict[str, Any] = {key: value for key, value in collected.items() if value}
     if fault is None or result:
         print_json(result | ({} if fault is None else {"error": str(fault)}))
     if fault is not None:
@@ -303,9 +303,9 @@ def duration(seconds: float) -> str:
 
 def say_written(path: Path) -> None:
     """Print the name of a written file."""
-    found = _collected.get()
-    if found is not None:
-        found["written"].append(str(path))
+    collected = _collected.get()
+    if collected is not None:
+        collected["written"].append(str(path))
     say(f"wrote {path}", err=True)
 
 
@@ -342,12 +342,14 @@ def check_targets(*files: Path | None, pictures: Sequence[Path | None] = (), for
     from unmodeled.files import check_writable
 
     targets = [path for path in (*files, *pictures) if path is not None]
-    seen: set[Path] = set()
+    folders: set[Path] = set()
     for path in targets:
         here = path.absolute()
-        if any(here == other or here in other.parents or other in here.parents for other in seen):
+        if any(
+            here == other or here in other.parents or other in here.parents for other in folders
+        ):
             raise InvalidParameter(f"{path}: is wanted for two results; give each its own name")
-        seen.add(here)
+        folders.add(here)
     for path in targets:
         check_writable(path, force=force)
     for picture in pictures:

@@ -34,12 +34,12 @@ def verify(
     from unmodeled import verify
 
     line = ProgressLine()
-    found = verify(folder, model=model, seconds=seconds, progress=line)
+    verification = verify(folder, model=model, seconds=seconds, progress=line)
     line.close()
     if as_json:
-        rows = [asdict(r) for r in found.rows]
-        print_json({"agrees": found.agrees, "rows": rows, "notes": list(found.notes)})
+        rows = [asdict(r) for r in verification.rows]
+        print_json({"agrees": verification.agrees, "rows": rows, "notes": list(verification.notes)})
     else:
-        say(str(found))
-    if not found.agrees:
+        say(str(verification))
+    if not verification.agrees:
         click.get_current_context().exit(1)

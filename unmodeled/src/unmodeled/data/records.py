@@ -334,17 +334,6 @@ class Record:
         """Name of the record of which this one is a numbered part; else its own name."""
         return _PART.sub("", self.name)
 
-    def part_of(self, name: str) -> bool:
-        """Whether this is the record of a name, or a numbered part of it.
-
-        Parameters
-        ----------
-        name
-            Name of a record, which may itself be a part of another one.
-        """
-        rest = self.name.removeprefix(name)
-        return not rest or (rest != self.name and _PART.fullmatch(rest) is not None)
-
     @cached_property
     def interval(self) -> float:
         """Median time step [s]."""

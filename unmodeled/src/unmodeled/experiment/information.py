@@ -61,8 +61,8 @@ RESERVE = 0.1
 UNKNOWN, NONE = 1e-5, 1e-12
 #: Options of a diagnosis by default.
 OPTIONS = Options()
-#: Log odds from which a cause is told.
-TOLD = math.log(OPTIONS.credibility / (1.0 - OPTIONS.credibility))
+#: Log odds from which a cause is named.
+NAMED = math.log(OPTIONS.credibility / (1.0 - OPTIONS.credibility))
 
 
 @checked
@@ -100,12 +100,12 @@ class Belief:
         InvalidParameter
             The object is not such a report.
         """
-        own = report.as_dict() if isinstance(report, Result) else report
+        data = report.as_dict() if isinstance(report, Result) else report
         try:
-            named = {n["cause"]: n for n in own["named"]}
+            named = {n["cause"]: n for n in data["named"]}
             weights: dict[str, float] = {}
             none = 0.0
-            for s in own["sets"]:
+            for s in data["sets"]:
                 rest = [c for c in s["causes"] if c not in named]
                 none += 0.0 if rest else float(s["probability"])
                 for c in rest:
@@ -115,7 +115,7 @@ class Belief:
                 none=none,
                 magnitudes={
                     n["cause"]: abs(float(n["magnitude"]))
-                    for group in own["classes"]
+                    for group in data["classes"]
                     for n in group
                     if n["magnitude"] and not n["parameter"]
                 },
@@ -124,10 +124,10 @@ class Belief:
                     for c, n in named.items()
                     if not n["parameter"]
                 },
-                parameters={p["name"]: float(p["value"]) for p in own["parameters"]},
+                parameters={p["name"]: float(p["value"]) for p in data["parameters"]},
                 left={
                     c["name"]: (float(c["noise"]), float(c["explained"]))
-                    for c in own["channels"]
+                    for c in data["channels"]
                     if c["noise"] is not None and c["explained"] is not None
                 },
             )
@@ -204,11 +204,11 @@ class Study:
     @cached_property
     def hypotheses(self) -> Members:
         """Causes that may be missing, each with all shapes."""
-        told = () if self.belief is None else self.belief.included
+        included = () if self.belief is None else self.belief.included
         return tuple(
             Member(i, shape)
             for i, c in enumerate(self.problem.causes)
-            if c.name not in told
+            if c.name not in included
             for shape in (c.effect.shapes if c.effect else (None,))
         )
 
@@ -247,9 +247,9 @@ class Study:
         odds, names = self.odds, list(self.names)
         if self.belief is None:
             return odds / (1.0 + odds.sum()), 1.0 / (1.0 + float(odds.sum()))
-        own = np.array([self.belief.weights.get(n, 0.0) / names.count(n) for n in names])
-        total = own.sum() + self.belief.none
-        return (own / total, self.belief.none / total) if total > 0.0 else (own, 1.0)
+        weights = np.array([self.belief.weights.get(n, 0.0) / names.count(n) for n in names])
+        total = weights.sum() + self.belief.none
+        return (weights / total, self.belief.none / total) if total > 0.0 else (weights, 1.0)
 
     @cached_property
     def possible(self) -> Array:
@@ -258,9 +258,9 @@ class Study:
         If nothing seems to be missing, each cause may still exist below its detectable magnitude.
         """
         prior = self.odds / self.odds.sum()
-        own, none = self.weights
+        weights, none = self.weights
         reserve = RESERVE + (1.0 - RESERVE) * none
-        out = (1.0 - reserve) * own / max(own.sum(), 1e-300) + reserve * prior
+        out = (1.0 - reserve) * weights / max(weights.sum(), 1e-300) + reserve * prior
         return np.asarray(out / out.sum())
 
     def simulated(self, records: Sequence[Record]) -> list[Record | None]:
@@ -363,7 +363,7 @@ class Information:
 
     def _computed(self, share: Array) -> Array:
         study, problem = self.study, self.problem
-        own = system(
+        normal = system(
             problem,
             problem.fit,
             study.members,
@@ -372,7 +372,7 @@ class Information:
             np.ones(share.size),
             share,
         )
-        full = np.block([[own.matrix, own.further.T], [own.further, own.own]])
+        full = np.block([[normal.matrix, normal.further.T], [normal.further, normal.own]])
         # Parameters of the model that only this record has (its variation) are eliminated too.
         shared = len(study.problem.free)
         alone = np.arange(shared, len(problem.free))
@@ -381,8 +381,8 @@ class Information:
             inner = full[np.ix_(alone, alone)] + np.diag(weight)
             full = full - full[:, alone] @ np.linalg.solve(inner, full[alone])
             full = np.delete(np.delete(full, alone, axis=0), alone, axis=1)
-        found = study_rows(study, len(full)) @ full @ study_rows(study, len(full)).T
-        return np.asarray(0.5 * (found + found.T))
+        matrix = study_rows(study, len(full)) @ full @ study_rows(study, len(full)).T
+        return np.asarray(0.5 * (matrix + matrix.T))
 
 
 def study_rows(study: Study, columns: int) -> Array:
@@ -485,14 +485,14 @@ class Knowledge:
             alone = alone - np.diag(self.before)
         _, number = np.unique(study.names, return_inverse=True)
         same = number[:, None] == number[None, :]
-        own = same @ weights
+        weight = same @ weights
         total = np.zeros(number.size)
         sizes = self._magnitudes()
         for size in sizes:
             rivals = np.exp(-np.maximum(size[:, None] ** 2 * against, 0.0))
             rest = np.where(same, 0.0, rivals) @ weights
             rest += none * np.exp(-np.maximum(0.5 * (size**2 * alone - occam), 0.0))
-            total += own / (own + rest)
+            total += weight / (weight + rest)
         return np.asarray(total / len(sizes))
 
     def _magnitudes(self) -> Array:
@@ -525,11 +525,11 @@ class Knowledge:
         return 0.5 * float(np.linalg.slogdet(np.eye(len(self.gram)) + self.gram)[1])
 
     def _smallest(self, gram: Array) -> Array:
-        """Magnitude from which a cause is told rather than that nothing is missing [scales]."""
-        own = np.diag(gram)
-        needed = TOLD - np.log(self.study.odds) + 0.5 * np.log1p(own)
+        """Magnitude from which a cause is named rather than that nothing is missing [scales]."""
+        alone = np.diag(gram)
+        needed = NAMED - np.log(self.study.odds) + 0.5 * np.log1p(alone)
         with np.errstate(divide="ignore"):
-            return np.asarray(np.sqrt(2.0 * np.maximum(needed, 0.0) / own))
+            return np.asarray(np.sqrt(2.0 * np.maximum(needed, 0.0) / alone))
 
     @cached_property
     def smallest(self) -> Array:
@@ -571,6 +571,6 @@ class Knowledge:
 
 def _against(gram: Array) -> Array:
     """Expected log evidence of each hypothesis (row) at one scale against each other (column)."""
-    own = np.diag(gram)
-    taken = gram**2 / (own + WIDE**-2)[None, :]
-    return np.asarray(0.5 * np.maximum(own[:, None] - taken, 0.0))
+    alone = np.diag(gram)
+    taken = gram**2 / (alone + WIDE**-2)[None, :]
+    return np.asarray(0.5 * np.maximum(alone[:, None] - taken, 0.0))

@@ -17,7 +17,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.experiment.information import TOLD, Aim, Belief, Information, Knowledge, Study
+from unmodeled.experiment.information import NAMED, Aim, Belief, Information, Knowledge, Study
 from unmodeled.fit.measured import no_test_of
 from unmodeled.fit.model import Effect, Model
 from unmodeled.search.records import ready_records
@@ -289,7 +289,7 @@ def _tests(knowledge: Knowledge, groups: Sequence[Sequence[str]]) -> tuple[Singl
         if tested and any(c.name in g for g in groups):
             scale, unit = study.size(c)
             size = knowledge.expected[i] * scale
-            wanted.append((c.name, size / math.sqrt(2.0 * TOLD), unit))
+            wanted.append((c.name, size / math.sqrt(2.0 * NAMED), unit))
     tests = [
         SinglePartTest(
             name=name, sd=sd, unit=unit, after=knowledge.plus(knowledge.test(name, sd)).value

@@ -52,12 +52,12 @@ def open_input(
         reason = getattr(fault, "strerror", None) or fault
         why = f"cannot be read: {reason}" if is_file(path) else why_missing(path)
         raise error(f"{path}: {why}") from None
-    found = os.fstat(handle)
-    if not stat.S_ISREG(found.st_mode) or found.st_size > most:
+    status = os.fstat(handle)
+    if not stat.S_ISREG(status.st_mode) or status.st_size > most:
         os.close(handle)
-        if not stat.S_ISREG(found.st_mode):
+        if not stat.S_ISREG(status.st_mode):
             raise error(f"{path}: {why_missing(path)}")
-        raise error(f"{path}: {found.st_size} bytes; the limit is {most} bytes")
+        raise error(f"{path}: {status.st_size} bytes; the limit is {most} bytes")
     return os.fdopen(handle, "rb")
 
 

@@ -48,18 +48,18 @@ class Store:
         if not is_file(path):
             return None
         try:
-            found = read_json(path)
-            if not isinstance(found, dict) or found.pop("sha256", None) != _checksum(found):
+            entry = read_json(path)
+            if not isinstance(entry, dict) or entry.pop("sha256", None) != _checksum(entry):
                 raise ValueError("its checksum differs")
-            if found.pop("key") != key:
+            if entry.pop("key") != key:
                 raise ValueError("it is that of another key")
-            checksums = found.pop("files")
-            own = {what: file for what, file in (files or {}).items() if what in checksums}
-            if not all(is_file(file) for file in own.values()):
+            checksums = entry.pop("files")
+            kept = {what: file for what, file in (files or {}).items() if what in checksums}
+            if not all(is_file(file) for file in kept.values()):
                 return None
-            if checksums != _digests(own):
+            if checksums != _digests(kept):
                 raise ValueError("the checksum of a file that belongs to it differs")
-            return found
+            return entry
         except (ValueError, KeyError, TypeError, AttributeError) as fault:
             warnings.warn(
                 f"{path.name}: the result is computed again: the file is damaged or was edited "
@@ -74,20 +74,20 @@ class Store:
     ) -> None:
         """Store the data of a key; they are complete when their file exists."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        found = dict(data) | {"key": key, "files": _digests(files or {})}
-        found = json.loads(json.dumps(found, default=str))  # as it will be read
-        found["sha256"] = _checksum(found)
-        write_text(self._file(key), json.dumps(found, indent=1) + "\n", force=True)
+        entry = dict(data) | {"key": key, "files": _digests(files or {})}
+        entry = json.loads(json.dumps(entry, default=str))  # as it will be read
+        entry["sha256"] = _checksum(entry)
+        write_text(self._file(key), json.dumps(entry, indent=1) + "\n", force=True)
 
 
-def _checksum(found: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(found, sort_keys=True).encode()).hexdigest()
+def _checksum(entry: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(entry, sort_keys=True).encode()).hexdigest()
 
 
 def _digests(files: Mapping[str, Path]) -> dict[str, str]:
     """Checksums of the files that belong to a result."""
-    found = {}
+    digests = {}
     for what, file in files.items():
         with open_input(file, most=LARGEST_FILE) as stream:
-            found[what] = hashlib.file_digest(stream, "sha256").hexdigest()
-    return found
+            digests[what] = hashlib.file_digest(stream, "sha256").hexdigest()
+    return digests

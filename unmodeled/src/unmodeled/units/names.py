@@ -261,21 +261,21 @@ def number_and_unit(text: str) -> tuple[float, str] | None:
 @checked
 def split_quantity(text: str) -> tuple[float, str] | None:
     """Number and unit of a text such as ``"300 ms"``; None if there is no known unit."""
-    found = number_and_unit(text)
-    if found is None:
+    quantity = number_and_unit(text)
+    if quantity is None:
         return None
     try:
-        _parse(found[1])
+        _parse(quantity[1])
     except ValueError:
         return None
-    return found
+    return quantity
 
 
 @checked
 def si_value(text: str) -> float | None:
     """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
-    found = split_quantity(text)
-    return None if found is None else found[0] * _parse(found[1])[0]
+    quantity = split_quantity(text)
+    return None if quantity is None else quantity[0] * _parse(quantity[1])[0]
 
 
 text_readers.append(si_value)

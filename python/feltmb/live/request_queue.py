@@ -47,7 +47,7 @@ class Stopped(Exception):
     """A newer request has arrived."""
 
 
-class Desk:
+class RequestQueue:
     """Requests of one page.
 
     Parameters
@@ -56,7 +56,7 @@ class Desk:
         Function that returns the present mechanism, which follows its file.
     pool
         Threads for simulations.
-    tell
+    post
         Function that queues a message for the page; a newer message replaces an unsent one of the
         same kind.
     """
@@ -65,11 +65,11 @@ class Desk:
         self,
         bench: Callable[[], Bench],
         pool: Executor,
-        tell: Callable[[str, dict[str, Any]], None],
+        post: Callable[[str, dict[str, Any]], None],
     ):
         self._bench = bench
         self._pool = pool
-        self._tell = tell
+        self._post = post
         self._wanted: dict[Slot, Asked] = {}
         self._done: dict[Slot, Asked] = {}
         self._full: dict[Slot, Asked] = {}
@@ -175,7 +175,7 @@ class Desk:
         except Stopped:
             raise
         except Exception as error:  # otherwise the page would end
-            self._tell(
+            self._post(
                 f"run {slot}",
                 {
                     "on": "fault",
@@ -221,7 +221,7 @@ class Desk:
             self._last_picture = time.monotonic()
             self.counts["pictures"] += 1
             done[slot] = asked
-            self._tell(
+            self._post(
                 f"run {slot}",
                 {"on": "run", "slot": slot, "id": asked.id, "run": picture, "set": values},
             )
@@ -248,7 +248,7 @@ class Desk:
             work = partial(_made, kinds[kind], asked.turned, bench)
             found = await self._found(work, leave=True)
             self._extra[slot, kind] = asked
-            self._tell(f"{kind} {slot}", {"on": kind, "slot": slot, "id": asked.id, **found})
+            self._post(f"{kind} {slot}", {"on": kind, "slot": slot, "id": asked.id, **found})
 
     async def _regulate(self, turned: Turned) -> None:
         bench = self._bench()
@@ -257,10 +257,10 @@ class Desk:
         def say(text: str) -> None:
             if self._closed:
                 raise Stopped
-            loop.call_soon_threadsafe(self._tell, "progress", {"on": "progress", "text": text})
+            loop.call_soon_threadsafe(self._post, "progress", {"on": "progress", "text": text})
 
         found = await self._found(lambda: regulated(bench, turned, say))
-        self._tell("regulated", {"on": "regulated", **found})
+        self._post("regulated", {"on": "regulated", **found})
 
 
 def _made(make: Callable[[Action], dict[str, Any]], turned: Turned, bench: Bench) -> dict[str, Any]:

@@ -5,11 +5,11 @@ import pytest
 
 def test_uploaded_columns_are_read_once(tmp_path):
     pytest.importorskip("starlette", reason="extra live is not installed")
-    from feltmb.live.measured import Shelf
+    from feltmb.live.measured import Uploads
 
-    shelf = Shelf(tmp_path)
-    key = shelf.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")["file"]
+    uploads = Uploads(tmp_path)
+    key = uploads.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")["file"]
     (path,) = tmp_path.rglob("a.csv")
     path.unlink()
-    (columns,) = shelf.kept([key]).values()
+    (columns,) = uploads.kept([key]).values()
     assert list(columns.values) == ["time", "q"]
