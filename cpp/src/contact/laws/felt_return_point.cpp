@@ -35,7 +35,7 @@ std::size_t left_at(double e, const TurningPoints& turns) {
   return n;
 }
 
-/// Five nodes for each factor exp(2) of a power of G.
+/// Five nodes for each factor exp(2) of a power of G, at least the sixth: D is no smoother.
 const QuadratureRule& panel_rule() {
   static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(5));
   return rule;
@@ -51,7 +51,7 @@ double integrate_band(const Envelope& envelope, double low, double high, double 
   if (!(span > 0.0)) return 0.0;
   const CycleStart cycle = envelope.cycle_to(largest);
   const double whole = envelope.loading_energy(largest);
-  const double panels = std::clamp(std::ceil(m * span / 2.0), 1.0, 12.0);
+  const double panels = std::clamp(std::ceil(std::max(m, 6.0) * span / 2.0), 1.0, 12.0);
   double sum = 0.0;
   for (double i = 0.0; i < panels; i += 1.0) {
     sum += integrate_rule(
