@@ -30,7 +30,7 @@ for compiler in "${compilers[@]}"; do
     # shellcheck disable=SC2086  # a compiler may have options
     $compiler -std=c++20 -fsyntax-only -Wall -Wextra -Wpedantic -Werror -DFELTMB_VERSION='""' \
       -I cpp/include -isystem "$eigen" "$file" || bad=$((bad + 1))
-  done < <(find cpp/src cpp/fmu tests/cmake_consumer -name '*.cpp' | LC_ALL=C sort)
+  done < <(find cpp/src cpp/fmu cpp/wasm tests/cmake_consumer -name '*.cpp' | LC_ALL=C sort)
   printf '%s: %d of %d files of the core compile\n' "$compiler" $((count - bad)) "$count"
   failures=$((failures + bad))
 done

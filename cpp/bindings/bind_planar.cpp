@@ -2,13 +2,12 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
-#include <array>
-
 #include "bindings.hpp"
 #include "feltmb/core/error.hpp"
 #include "feltmb/planar/archive.hpp"
 #include "feltmb/planar/dynamics.hpp"
 #include "feltmb/planar/mechanism.hpp"
+#include "feltmb/planar/poses.hpp"
 #include "fields.hpp"
 
 namespace py = pybind11;
@@ -47,88 +46,17 @@ void bind_description(py::module_& m) {
   bind_fields<MechanismDescription>(m, "MechanismDescription");
 }
 
-/// Points (count, 2) [m] of the centerline of a beam in its own clamped frame.
-Eigen::MatrixXd centerline(const FlexibleBeam& beam, const Eigen::VectorXd& q, int count) {
-  Eigen::MatrixXd out(count, 2);
-  for (int i = 0; i < count; ++i) {
-    const double x = beam.length * i / (count - 1);
-    const ShapeValues v = beam.shapes.at(x);
-    double u = 0.0;
-    double w = 0.0;
-    for (int k = 0; k < beam.count; ++k) {
-      const double e = q[beam.first + k];
-      const int lateral = k - beam.shapes.axial();
-      if (lateral < 0)
-        u += e * v.axial[static_cast<std::size_t>(k)];
-      else
-        w += e * v.lateral[static_cast<std::size_t>(lateral)];
-    }
-    out(i, 0) = x + u;
-    out(i, 1) = w;
-  }
-  return out;
-}
-
-/// Origin x, y [m] and angle [rad] of a body in the ground frame.
-std::array<double, 3> pose_of(const Dynamics& dynamics, const Placement& placement) {
-  const LinkState& s = dynamics.links()[static_cast<std::size_t>(placement.link)];
-  const Vec2 origin = s.origin + s.rotation * placement.offset;
-  return {origin.x, origin.y, std::atan2(s.rotation.s, s.rotation.c) + placement.angle};
-}
-
-/// Bodies, points of contact and centerlines in many poses, one a row of `q`.
 py::dict move_through(const std::shared_ptr<Mechanism>& mechanism, const Eigen::MatrixXd& q,
                       int count) {
-  if (q.cols() != mechanism->size() || !q.allFinite()) {
-    throw InvalidParameter(format("move_through: got poses of %ld coordinates, expected %d, finite",
-                                  static_cast<long>(q.cols()), mechanism->size()));
-  }
-  Dynamics dynamics(mechanism);
-  const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
-  const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
-  const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-  std::vector<std::string> names;
-  for (const auto& [name, placement] : mechanism->bodies) names.push_back(name);
-  std::vector<std::size_t> chosen;
-  std::vector<int> numbers;
-  for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
-    if (mechanism->contacts[i].finger) continue;
-    chosen.push_back(i);
-    numbers.push_back(mechanism->contacts[i].number);
-  }
-  Eigen::MatrixXd bodies(q.rows(), 3 * static_cast<Eigen::Index>(names.size()));
-  Eigen::MatrixXd contacts(q.rows(), 4 * static_cast<Eigen::Index>(chosen.size()));
-  Eigen::VectorXd position;
-  for (Eigen::Index row = 0; row < q.rows(); ++row) {
-    position = q.row(row);
-    dynamics.locate({{position.data(), rest.size()}, rest, law, zero, zero}, {},
-                    Detail::kAllContacts);
-    Eigen::Index column = 0;
-    for (const auto& [name, placement] : mechanism->bodies)
-      for (const double value : pose_of(dynamics, placement)) bodies(row, column++) = value;
-    column = 0;
-    for (const std::size_t i : chosen) {
-      const ContactState& s = dynamics.contacts()[i];
-      for (const double value : {s.point.x, s.point.y, s.normal.x, s.normal.y})
-        contacts(row, column++) = value;
-    }
-  }
+  const Poses found = poses_along(mechanism, q, count);
   py::dict beams;
-  for (const auto& beam : mechanism->beams) {
-    Eigen::MatrixXd lines(q.rows(), 2 * count);
-    for (Eigen::Index row = 0; row < q.rows(); ++row) {
-      position = q.row(row);
-      const Eigen::MatrixXd line = centerline(beam, position, count);
-      for (Eigen::Index i = 0; i < count; ++i) lines.block<1, 2>(row, 2 * i) = line.row(i);
-    }
-    beams[py::str(beam.name)] = lines;
-  }
+  for (const auto& [name, lines] : found.beams) beams[py::str(name)] = lines;
   py::dict out;
   out["beams"] = beams;
-  out["names"] = names;
-  out["bodies"] = bodies;
-  out["numbers"] = numbers;
-  out["contacts"] = contacts;
+  out["names"] = found.names;
+  out["bodies"] = found.bodies;
+  out["numbers"] = found.numbers;
+  out["contacts"] = found.contacts;
   return out;
 }
 
@@ -262,16 +190,7 @@ void bind_planar(py::module_& m) {
   m.def(
       "body_poses",
       [](const std::shared_ptr<Mechanism>& mechanism, const Eigen::VectorXd& q) {
-        Dynamics dynamics(mechanism);
-        const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
-        const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
-        if (q.size() != mechanism->size()) {
-          throw InvalidParameter(format("body_poses: got q of length %ld, expected %d",
-                                        static_cast<long>(q.size()), mechanism->size()));
-        }
-        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
-                        {});
+        const Dynamics dynamics = located(mechanism, q);
         py::dict out;
         for (const auto& [name, placement] : mechanism->bodies) {
           const auto [x, y, angle] = pose_of(dynamics, placement);
@@ -292,16 +211,10 @@ void bind_planar(py::module_& m) {
   m.def(
       "point_position",
       [](const std::shared_ptr<Mechanism>& mechanism, int point, const Eigen::VectorXd& q) {
-        if (q.size() != mechanism->size() || point < 0 ||
-            point >= static_cast<int>(mechanism->points.size())) {
-          throw InvalidParameter("point_position: no such point, or q of the wrong length");
+        if (point < 0 || point >= static_cast<int>(mechanism->points.size())) {
+          throw InvalidParameter("point_position: no such point");
         }
-        Dynamics dynamics(mechanism);
-        const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
-        const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
-        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
-                        {});
+        const Dynamics dynamics = located(mechanism, q);
         return to_python(
             dynamics.position(mechanism->points[static_cast<std::size_t>(point)].point));
       },
@@ -311,16 +224,7 @@ void bind_planar(py::module_& m) {
   m.def(
       "finger_place",
       [](const std::shared_ptr<Mechanism>& mechanism, const Eigen::VectorXd& q) {
-        if (q.size() != mechanism->size() || mechanism->finger_contact < 0) {
-          throw InvalidParameter("finger_place: no finger, or q of the wrong length");
-        }
-        Dynamics dynamics(mechanism);
-        const std::vector<double> zero(static_cast<std::size_t>(mechanism->total_modes), 0.0);
-        const std::vector<double> rest(static_cast<std::size_t>(mechanism->size()), 0.0);
-        const std::vector<double> law(static_cast<std::size_t>(mechanism->total_law_states), 0.0);
-        dynamics.locate({{q.data(), static_cast<std::size_t>(q.size())}, rest, law, zero, zero},
-                        {});
-        return dot(mechanism->finger_direction, dynamics.position(mechanism->finger_point));
+        return finger_place(mechanism, q);
       },
       py::arg("mechanism"), py::arg("q"), "Place of the finger's point along its direction [m].");
 

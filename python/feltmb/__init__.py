@@ -33,6 +33,8 @@ Measurements
     adapters: mechanisms as models
 Co-simulation
     export_fmu
+A mechanism as a web page
+    export_page
 Errors
     Error, below it InvalidParameter, DataError, ModelError, IntegrationError, FileExists
 
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
     from feltmb.action.wearing import Wear, wear
     from feltmb.errors import IntegrationError
     from feltmb.graphics.viewer import view
+    from feltmb.live.page import export_page
     from feltmb.mechanism import Action, load_action, packaged_actions
     from feltmb.run.fmu import export_fmu
     from feltmb.run.machine import Machine, MachineState
@@ -102,6 +105,7 @@ __all__ = [
     "contact",
     "evaluate",
     "export_fmu",
+    "export_page",
     "felt",
     "fiber",
     "gap",
@@ -150,6 +154,7 @@ _LAZY = {
     "action.touch": "Touch touch",
     "action.wearing": "Wear wear",
     "graphics.viewer": "view",
+    "live.page": "export_page",
 }
 _HOME = {name: module for module, names in _LAZY.items() for name in names.split()}
 

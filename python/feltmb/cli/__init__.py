@@ -54,6 +54,10 @@ COMMANDS = {
     ),
     "plot": ("feltmb.cli.runs:plot", "Plots of saved runs."),
     "view": ("feltmb.cli.runs:view", "Saved runs in a browser: motion, forces, curves, string."),
+    "page": (
+        "feltmb.cli.inputs:page",
+        "A mechanism as one HTML file that simulates in any browser.",
+    ),
     "live": ("feltmb.cli.inputs:live", "Change a mechanism in a browser and see its motion."),
     "animate": ("feltmb.cli.runs:animate", "Animation of a saved run (GIF)."),
     "wav": ("feltmb.cli.runs:wav", "Sound of the string of a saved run (WAV)."),

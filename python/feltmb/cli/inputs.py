@@ -1,4 +1,4 @@
-"""``feltmb list``, ``show``, ``validate``, ``new``, ``fmu``, ``live``: mechanisms and files."""
+"""``feltmb list``, ``show``, ``validate``, ``new``, ``fmu``, ``live``, ``page``."""
 
 from __future__ import annotations
 
@@ -452,3 +452,16 @@ def live(
             say(address)
 
     serve(mechanism, records, browser=not no_browser, port=port, say=say_address)
+
+
+@declare("page")
+def page(
+    action: str = argument(complete=actions),
+    settings: tuple[str, ...] = SET,
+    out: Path = option("The page (.html).", metavar="FILE", required=True),
+    force: bool = FORCE,
+) -> None:
+    """Write ACTION as one HTML file that simulates in the browser. Users install nothing."""
+    from feltmb.live.page import export_page
+
+    say_written(export_page(load_with_settings(action, settings), out, force=force))

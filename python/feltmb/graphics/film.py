@@ -62,7 +62,7 @@ class Film:
     scene : Scene
         Shapes; ``limits`` are the corners [m] of the covered area.
     contacts : list of int
-        Numbers of the contacts with a force; ``forces`` [N] and ``sides`` by number.
+        Numbers of the contacts with a force; ``forces`` [N] by number. ``sides`` are of all.
     finger : ndarray (n_pictures,) or None
         Force [N].
     """
@@ -87,7 +87,7 @@ class Film:
         }
         self.finger = self.sample("finger.force") if "finger.force" in run else None
         rows, at = contact_rows(action, self.q[0]), self.poses(0)
-        self.sides = {n: self._sides(n, rows[n], at) for n in self.contacts}
+        self.sides = {n: self._sides(n, rows[n], at) for n in sorted(enabled & rows.keys())}
         peaks = [float(np.max(f)) for f in self.forces.values()]
         if self.finger is not None and action.config.finger is not None:
             peaks.append(float(np.max(np.abs(self.finger))))

@@ -31,11 +31,10 @@ from feltmb import __version__
 from feltmb.graphics.viewer import script_of
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Uploads
-from feltmb.live.pictures import default_shown, listed_outputs
+from feltmb.live.pictures import greeting
 from feltmb.live.request_queue import RequestQueue
-from feltmb.live.states import Asked, Playing, Turned, fault_of
+from feltmb.live.states import Asked, Turned, fault_of
 from feltmb.mechanism import files_of, load_action
-from feltmb.params import names
 from feltmb.run.simulate import simulate
 from feltmb.run.sound import difference, sampled, wav
 from feltmb.run.stroke import Stroke
@@ -226,30 +225,6 @@ class Page:
                     return
 
 
-def greeting(bench: Bench) -> dict[str, Any]:
-    """Data of a mechanism for the page."""
-    action = bench.action
-    playable = action.config.finger is not None and action.config.motor is None
-    playing = Playing() if playable else Playing(kind="free")
-    found = simulate(action, playing.stroke(), ledger=False, output_rate=1000.0, max_wall=20.0)
-    return {
-        "name": action.name,
-        "about": str(action.raw.get("about", "")),
-        "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
-        "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
-        "strokes": names("strokes") if playable else [],
-        "outputs": listed_outputs(found, action),
-        "panels": default_shown(found, action),
-        "contacts": [
-            [int(key), contact.label or f"contact {key}"]
-            for key, contact in action.config.contacts.items()
-            if contact.enabled
-        ],
-        "targets": bench.targets.name if bench.targets else "",
-        "notes": list(bench.notes),
-    }
-
-
 # --- who may use it ------------------------------------------------------------------------------
 
 
@@ -342,7 +317,7 @@ def _asset(name: str) -> str:
 @cache
 def _script() -> str:
     """Script of the page: drawing as in the static viewer, then the live parts."""
-    return script_of(_asset("live.js"))
+    return script_of(_asset("live.js"), "window.feltmbLive = new Live(Line);\n")
 
 
 def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:

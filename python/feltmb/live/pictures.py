@@ -16,8 +16,12 @@ from feltmb.graphics.viewer.content import (
     outputs_of,
 )
 from feltmb.graphics.viewer.packing import pack_columns, pack_times
+from feltmb.live.knobs import Bench
+from feltmb.live.states import Playing
 from feltmb.mechanism import Action
+from feltmb.params import names
 from feltmb.run.results import Run
+from feltmb.run.simulate import simulate
 from unmodeled.style import reader_unit
 
 Array = npt.NDArray[np.float64]
@@ -112,3 +116,33 @@ def default_shown(run: Run, action: Action) -> list[dict[str, Any]]:
     if len(contact_numbers(run)) > 0 and "energy.kinetic" in run:
         panels.append({"title": "energy", "outputs": ["energy.kinetic"], "change": False})
     return panels[:6]
+
+
+def first_run(action: Action) -> Run:
+    """The run of which a page knows the outputs before it asks for any."""
+    playable = action.config.finger is not None and action.config.motor is None
+    playing = Playing() if playable else Playing(kind="free")
+    return simulate(action, playing.stroke(), ledger=False, output_rate=1000.0, max_wall=20.0)
+
+
+def greeting(bench: Bench) -> dict[str, Any]:
+    """Data of a mechanism for the page."""
+    action = bench.action
+    playable = action.config.finger is not None and action.config.motor is None
+    found = first_run(action)
+    return {
+        "name": action.name,
+        "about": str(action.raw.get("about", "")),
+        "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
+        "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
+        "strokes": names("strokes") if playable else [],
+        "outputs": listed_outputs(found, action),
+        "panels": default_shown(found, action),
+        "contacts": [
+            [int(key), contact.label or f"contact {key}"]
+            for key, contact in action.config.contacts.items()
+            if contact.enabled
+        ],
+        "targets": bench.targets.name if bench.targets else "",
+        "notes": list(bench.notes),
+    }

@@ -583,6 +583,7 @@ CALLS = {
         "max_order": None,
         "force": True,
     },
+    "feltmb.export_page": lambda: {"action": pendulum(), "path": "page.html", "force": True},
     # felt
     "feltmb.felt.FeltEnvelope": lambda: {
         "compression": np.array([0.0, 1e-3, 2e-3]),

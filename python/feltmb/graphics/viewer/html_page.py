@@ -56,16 +56,24 @@ def assets() -> str:
 
 
 @checked
-def policy(*scripts: str) -> str:
-    """Content security policy of a page: it loads nothing, and only its own scripts run."""
+def policy(*scripts: str, simulates: bool = False) -> str:
+    """Content security policy of a page: it loads nothing, and only its own scripts run.
+
+    ``simulates``: also the module of the core, in a worker that the page made.
+    """
     hashes = " ".join(
         "'sha256-" + base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() + "'"
         for s in scripts
     )
-    return f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'"
+    worker = "; worker-src blob:" if simulates else ""
+    hashes += " 'wasm-unsafe-eval'" if simulates else ""
+    return (
+        f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'"
+        f"{worker}"
+    )
 
 
-def _json_text(data: Any) -> str:
+def json_text(data: Any) -> str:
     """JSON that cannot end a script element, for any content of its texts."""
     text = json.dumps(data, separators=(",", ":"), allow_nan=False)
     for sign in "<>&\u2028\u2029":
@@ -147,7 +155,7 @@ def fragment(
     }
     return (
         '<div class="feltmb-view" tabindex="0"><script type="application/json">'
-        f"{_json_text(data)}</script>"
+        f"{json_text(data)}</script>"
         "<noscript><p>This picture moves: it needs a browser that runs scripts.</p></noscript>"
         "</div>\n"
     )

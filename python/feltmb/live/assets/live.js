@@ -1,5 +1,5 @@
-// The live page: it owns what is turned and played, the server computes. Texts of files become text
-// nodes only, never markup.
+// The live page: it owns what is turned and played, and a transport takes it to what computes: `Line` to
+// the server, or `Local` (local.js) to a worker. Texts of files become text nodes only, never markup.
 
 const FIRST = {kind: "packaged", name: "forte", force: 5, speed: 0.2, travel: 0.012, rate: 6, count: 3, duration: 0.5,
   drawn: "force", time: [], value: []};
@@ -73,6 +73,8 @@ class State {
 
 // One WebSocket; while a picture is under way only the newest change waits.
 class Line {
+  static lacks = new Set();
+
   constructor(heard, changed) {
     this.heard = heard;
     this.changed = changed;
@@ -99,12 +101,26 @@ class Line {
     this.socket.send(JSON.stringify(message));
     return true;
   }
+
+  async ask(path, options) {
+    const answer = await fetch(path, options);
+    if (!answer.ok) throw new Error(await answer.text());
+    return answer;
+  }
+
+  post(path, body) { return this.ask(path, {method: "POST", body: JSON.stringify(body)}); }
+
+  // A measured file; what is known of it.
+  async add(file) { return (await this.ask("records?name=" + encodeURIComponent(file.name), {method: "POST", body: file})).json(); }
+
+  remove(key) { return fetch("records/" + encodeURIComponent(key), {method: "DELETE"}); }
 }
 
 // ---------------------------------------------------------------- page
 
 class Live {
-  constructor() {
+  constructor(Transport) {
+    this.has = what => !Transport.lacks.has(what);
     this.state = new State();
     this.id = 0;
     this.got = {a: null, b: null};
@@ -119,7 +135,7 @@ class Live {
     this.dark.addEventListener("change", () => this.paint());
     this.narrow.addEventListener("change", () => { this.place(); this.fillTab(); });
     this.paint();
-    this.line = new Line(m => this.hear(m), up => this.connected(up));
+    this.line = new Transport(m => this.hear(m), up => this.connected(up));
     addEventListener("hashchange", () => { if (this.state.read()) this.restored(); });
     addEventListener("keydown", e => this.key(e));
   }
@@ -273,14 +289,15 @@ class Live {
     this.keepButton = button("Keep as B", () => this.keep(), {title: "compare with what is turned now: B"});
     this.swapButton = button("A ⇄ B", () => this.swap(), {title: "X"});
     this.dropButton = button("Drop B", () => this.drop());
+    this.hearB = button("Hear B", () => this.hearIt("b"));
+    this.hearRest = button("Hear A − B", () => this.hearIt("a", true), {title: "what B changed, at full scale"});
     find("top").append(this.title,
       element("span", {class: "group"}, this.undoButton, this.redoButton,
         button("Reset all", () => this.resetAll())),
       element("span", {class: "group"}, this.keepButton, this.swapButton, this.dropButton),
-      element("span", {class: "group"}, button("Hear", () => this.hearIt("a")),
-        this.hearB = button("Hear B", () => this.hearIt("b")),
-        this.hearRest = button("Hear A − B", () => this.hearIt("a", true), {title: "what B changed, at full scale"}),
-        button("Save TOML", () => this.save())),
+      element("span", {class: "group"},
+        ...this.has("sound") ? [button("Hear", () => this.hearIt("a")), this.hearB, this.hearRest] : [],
+        ...this.has("files") ? [button("Save TOML", () => this.save())] : []),
       this.status);
     this.playBar = element("div", {class: "play"});
     this.root = element("div", {tabindex: "0"});
@@ -607,10 +624,8 @@ class Live {
 
   async post(path, slot = "a", more = {}) {
     const turned = slot === "b" ? this.state.now.b : this.turned();
-    const answer = await fetch(path, {method: "POST",
-      body: JSON.stringify({id: 0, turned, playing: this.state.now.playing, ...more})});
-    if (!answer.ok) { this.say(await answer.text(), true); return null; }
-    return answer;
+    try { return await this.line.post(path, {id: 0, turned, playing: this.state.now.playing, ...more}); }
+    catch (error) { this.say(error.message, true); return null; }
   }
 
   // Each sound is played at full scale; how loud a difference is, is said.
@@ -638,7 +653,7 @@ class Live {
   fillTab() {
     if (!this.hello) return;
     const names = [["numbers", "Numbers"], ["regulation", "Regulation"], ["touch", "Touch"], ["speeds", "Speeds"],
-      ["timing", "Timing"], ["loops", "Contact loops"], ["measured", "Measured"], ["command", "As a command"]];
+      ["timing", "Timing"], ["loops", "Contact loops"], ["measured", "Measured"], ["command", "As a command"]].filter(([name]) => this.has(name));
     this.tabs.replaceChildren(...names.map(([name, text]) => button(text, () => {
       this.tab = name;
       this.fillTab();
@@ -728,7 +743,7 @@ class Live {
       set.map(([path, value]) => ` \\\n  --set ${quoted(`${path}=${value}`)}`).join("");
     this.tabBox.replaceChildren(element("p", {class: "hint"}, "The same on the command line" +
       (p.kind === "packaged" ? ":" : ", with the file of Save stroke:")), element("pre", {class: "command"}, text),
-      ...p.kind === "packaged" ? [] : [button("Save stroke", () => this.save("stroke", "stroke.toml"))]);
+      ...p.kind === "packaged" || !this.has("files") ? [] : [button("Save stroke", () => this.save("stroke", "stroke.toml"))]);
   }
 
   // -------------------------------------------------------------- regulation
@@ -914,7 +929,8 @@ class Live {
   measuredTab() {
     const pick = element("input", {type: "file", multiple: "", "aria-label": "measured files",
       accept: ".toml,.csv,.txt,.tsv,.dat,.asc,.mat,.nc,.h5,.hdf5,.parquet,.feather,.mcap", onchange: () => this.upload([...pick.files])});
-    const drop = element("div", {class: "drop"}, "Drop measured files here (CSV, MAT, NetCDF; a TOML file describes the file of its name), or ", pick);
+    const kinds = this.has("files") ? "(CSV, MAT, NetCDF; a TOML file describes the file of its name)" : "(CSV)";
+    const drop = element("div", {class: "drop"}, `Drop measured files here ${kinds}, or `, pick);
     drop.addEventListener("dragover", e => { e.preventDefault(); drop.classList.add("over"); });
     drop.addEventListener("dragleave", () => drop.classList.remove("over"));
     drop.addEventListener("drop", e => {
@@ -927,10 +943,10 @@ class Live {
     this.diagnosisBox = element("div");
     this.planBox = element("div");
     this.planStatus = element("span", {class: "hint", role: "status"});
-    this.tabBox.replaceChildren(drop, this.fileBox, this.overlayBox, this.diagnosisBox,
+    this.tabBox.replaceChildren(drop, this.fileBox, this.overlayBox, ...!this.has("diagnosis") ? [] : [this.diagnosisBox,
       element("h3", {}, "What to measure next"),
       element("p", {}, button("Propose strokes", () => this.plan()), " ", button("Stop", () => this.line.send({do: "stop"})),
-        " ", this.planStatus), this.planBox);
+        " ", this.planStatus), this.planBox]);
     this.fillFiles();
     if (this.last?.plan) this.planned(this.last.plan);
     if (this.last?.measured) this.held(this.last.measured);
@@ -939,9 +955,8 @@ class Live {
 
   async upload(files) {
     for (const file of files) {
-      const answer = await fetch("records?name=" + encodeURIComponent(file.name), {method: "POST", body: file});
-      if (!answer.ok) { this.say(await answer.text(), true); continue; }
-      const entry = await answer.json();
+      let entry;
+      try { entry = await this.line.add(file); } catch (error) { this.say(error.message, true); continue; }
       if (entry.describes) this.say(`${file.name} describes ${entry.describes.join(", ") || "the file of this name that comes"}`);
       else this.hello.files = [...(this.hello.files || []).filter(f => f.file !== entry.file), entry];
     }
@@ -977,16 +992,16 @@ class Live {
     }
     this.fileBox.replaceChildren(element("p", {}, ...files.map(f => element("span", {}, f.name + " ",
       button("×", async () => {
-        await fetch("records/" + encodeURIComponent(f.file), {method: "DELETE"});
+        await this.line.remove(f.file);
         this.hello.files = this.hello.files.filter(g => g !== f);
         this.fillFiles();
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
-      element("details", {}, element("summary", {}, "columns"), rows, ...this.camera()),
-      element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
+      element("details", {}, element("summary", {}, "columns"), rows, ...this.has("files") ? this.camera() : []),
+      ...!this.has("diagnosis") ? [] : [element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
         {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
         " minutes ", button("Stop", () => this.line.send({do: "stop"})),
-        " ", this.diagnosing_ = element("span", {class: "hint", role: "status"})));
+        " ", this.diagnosing_ = element("span", {class: "hint", role: "status"}))]);
   }
 
   // How a camera counts: pixels and frames.
@@ -1151,5 +1166,3 @@ class Live {
       m.stopped ? element("p", {class: "hint"}, "Stopped: the answer is that of the fits so far.") : "");
   }
 }
-
-window.feltmbLive = new Live();

@@ -1,4 +1,5 @@
-// Numbers of the page: base64 of little-endian integers and floats, as packing.py writes them.
+// Numbers of the page: base64 of little-endian integers and floats, as packing.py writes them. Arrays
+// that a worker made are passed through.
 
 function bytes(text) {
   const raw = atob(text), out = new Uint8Array(raw.length);
@@ -8,6 +9,7 @@ function bytes(text) {
 
 // Columns (m arrays of n); -32768 is missing.
 function columns(packed) {
+  if (Array.isArray(packed)) return packed;
   const view = bytes(packed.data), out = [];
   let at = 0;
   for (let k = 0; k < packed.m; k++) {
@@ -24,6 +26,7 @@ function columns(packed) {
 
 // Lines of points [x, y].
 function lines(packed) {
+  if (Array.isArray(packed)) return packed;
   const view = bytes(packed.data);
   let at = 0;
   return packed.counts.map(count => Array.from({length: count}, () => {
@@ -33,6 +36,7 @@ function lines(packed) {
 }
 
 function times(packed) {
+  if (packed instanceof Float64Array) return packed;
   const view = bytes(packed.data), out = new Float64Array(view.byteLength / 4);
   for (let i = 0; i < out.length; i++) out[i] = packed.first + view.getFloat32(4 * i, true);
   return out;

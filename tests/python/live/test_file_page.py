@@ -1,0 +1,210 @@
+"""The page as one file: what is in it, its numbers in Node, and itself in a browser."""
+
+import json
+import re
+import shutil
+import subprocess
+import time
+from importlib import resources
+
+import numpy as np
+import pytest
+
+import feltmb
+from feltmb.graphics.plot.readings import busy_window, named_events
+from feltmb.live import page as made
+from feltmb.live.knobs import Bench
+from feltmb.live.pictures import summary_of
+
+ACTION = "steinway45_leaded"
+built = pytest.mark.skipif(
+    not made.MODULE.is_file(), reason="the module is not built: bash tools/wasm.sh"
+)
+node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
+
+#: A run with what is turned: numbers, summary, events.
+MAIN = """
+const [moduleFile, contentFile, askedFile, answerFile] = process.argv.slice(2);
+const fs = require("fs");
+(async () => {
+  const [content, asked] = [contentFile, askedFile].map(f => JSON.parse(fs.readFileSync(f)));
+  const core = await Core.load(fs.readFileSync(moduleFile));
+  const machine = new Machine(core, content), out = [];
+  for (const {turned, stroke, rtol} of asked) {
+    try {
+      machine.turn(turned);
+      const run = machine.run(content.strokes[stroke], {rtol, rate: 2000});
+      const picture = pictureOf(machine, run, ["contact06.force"], "full", turned);
+      out.push({
+        time: [...run.time], summary: picture.summary, events: picture.events,
+        busy: picture.busy, poses: picture.stage.poses.length, frames: picture.stage.time.length,
+        values: Object.fromEntries(Object.entries(run.values).map(([n, v]) => [n, [...v]]))});
+    } catch (error) { out.push({fault: error.message}); }
+  }
+  fs.writeFileSync(answerFile, JSON.stringify(out));
+})();
+"""
+
+
+@pytest.fixture(scope="module")
+def action():
+    return feltmb.load_action(ACTION)
+
+
+@pytest.fixture(scope="module")
+def content(action):
+    return made.content_of(action)
+
+
+@pytest.fixture
+def in_node(tmp_path, content):
+    """Runs of the module in Node."""
+
+    def runs(*asked):
+        assets = resources.files("feltmb")
+        parts = ("graphics/viewer/assets/packing.js", "live/assets/engine.js")
+        text = "".join(assets.joinpath(p).read_text(encoding="utf-8") for p in parts) + MAIN
+        for name, data in (
+            ("main.js", text),
+            ("content.json", json.dumps(content)),
+            ("asked.json", json.dumps(asked)),
+        ):
+            (tmp_path / name).write_text(data, encoding="utf-8")
+        files = [str(tmp_path / n) for n in ("main.js", "content.json", "asked.json", "out.json")]
+        done = subprocess.run(
+            ["node", files[0], str(made.MODULE), *files[1:]], capture_output=True, timeout=120
+        )
+        assert done.returncode == 0, done.stderr.decode()[-2000:]
+        return json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
+
+    return runs
+
+
+def far(found, run, until=np.inf):
+    """Largest distance of each output from that of the native core, as a share of its size."""
+    kept = run.time < until
+    return [
+        float(np.max(np.abs(np.array(found["values"][name]) - values)[kept])) / size
+        for name, values in zip(run.names, run.values.T, strict=True)
+        if (size := float(np.max(np.abs(values)))) > 0.0
+    ]
+
+
+def native(action, stroke, rtol):
+    return feltmb.simulate(action, stroke, ledger=False, rtol=rtol, output_rate=2000.0)
+
+
+PLAIN = {"knobs": {}, "numbers": {}}
+
+
+@built
+@node
+def test_module_gives_the_numbers_of_the_native_core(in_node, action):
+    """The last bits decide which steps are taken, and with them what the tolerance leaves open."""
+    bench = Bench(action)
+    turned = {k: 0.5 * bench.knobs[k].high for k in list(bench.knobs)[:3]}
+    asked = [
+        {"turned": PLAIN, "stroke": "forte", "rtol": 1e-6},
+        {"turned": PLAIN, "stroke": "forte", "rtol": 1e-11},
+        {"turned": {"knobs": turned, "numbers": {}}, "stroke": "piano", "rtol": 1e-11},
+        {"turned": {"knobs": {}, "numbers": {"bodies.key.mass": -1.0}}, "stroke": "forte"},
+    ]
+    usual, exact, changed, bad = in_node(*asked)
+    # Before the first contact changes, the steps are the same.
+    assert max(far(usual, native(action, "forte", 1e-6), 0.05)) < 1e-9
+    other = action.with_values(bench.values(turned, {}))
+    for found, run, near in (
+        (exact, native(action, "forte", 1e-11), 1e-9),
+        (changed, native(other, "piano", 1e-11), 1e-8),  # a file has numbers of 12 digits
+    ):
+        assert np.median(far(found, run)) < 1e-8
+        assert max(far(found, run)) < 1e-5  # friction of a contact that is lightly touched
+        want = summary_of(run)
+        for name, value in found["summary"].items():
+            # A force is flat about its maximum: the time of that is known to the root.
+            flat = name == "max_impact_force_time"
+            assert value == pytest.approx(want[name], rel=1e-6 if flat else near), name
+    assert "bodies.key.mass" in bad["fault"]
+
+
+@built
+@node
+def test_module_names_the_events_and_numbers_of_a_strike(in_node, action):
+    (found,) = in_node({"turned": PLAIN, "stroke": "piano", "rtol": 1e-8})
+    run = native(action, "piano", 1e-8)
+    assert {"impact_speed", "max_impact_force", "let_off_gap", "key_travel"} <= set(
+        found["summary"]
+    )
+    named = [name.replace("_", " ") for _, name in named_events(run)]
+    assert [name for _, name in found["events"]] == named
+    assert found["busy"] == pytest.approx([1e3 * t for t in busy_window(run)], abs=0.51)
+    assert found["frames"] > 100
+    assert found["poses"] == 3 * (1 + len(action.config.bodies))
+
+
+def test_knobs_of_the_page_move_the_numbers_of_the_archive(content, action):
+    bench = Bench(action)
+    assert len(content["knobs"]) >= len(bench.knobs) - 1
+    # Two knobs at the same number: factors first, then summands.
+    names = [n for n, rules in content["knobs"].items() if len(rules) > 1][:4]
+    sizes = {n: 0.3 * (bench.knobs[n].high or bench.knobs[n].low) for n in names}
+    said = np.array(content["first"])
+    for name, size in sizes.items():
+        for i, scale, exp, add in content["knobs"][name]:
+            said[i] = said[i] * (1 + scale * size) * np.exp(exp * size) + add * size
+    changed = action.with_values(bench.values(sizes, {}))
+    rows = feltmb._core.description_numbers(feltmb.mechanism.describe(changed.config))
+    assert said == pytest.approx([row["value"] for row in rows], rel=1e-9)
+
+
+def test_page_is_one_file_that_asks_for_nothing(tmp_path, monkeypatch, content):
+    module = tmp_path / "core.wasm"
+    module.write_bytes(b"\0asm")
+    monkeypatch.setattr(made, "MODULE", module)
+    text = feltmb.export_page(ACTION, tmp_path / "a.html").read_text(encoding="utf-8")
+    held = json.loads(re.search(r'id="content">(.*?)</script>', text, re.S)[1])
+    assert held["archive"] == content["archive"]
+    assert "AGFzbQ==" in text
+    assert not re.search(r'(src|href)="(?!#)', text)
+    assert "default-src 'none'" in text.replace("&#x27;", "'")
+    with pytest.raises(feltmb.FileExists):
+        feltmb.export_page(ACTION, tmp_path / "a.html")
+
+
+def test_page_without_the_module_says_what_builds_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(made, "MODULE", tmp_path / "none.wasm")
+    with pytest.raises(feltmb.InvalidParameter, match=r"none\.wasm is not .*bash tools/wasm\.sh"):
+        feltmb.export_page(ACTION, tmp_path / "a.html")
+
+
+@pytest.mark.slow
+@built
+@pytest.mark.parametrize("width", [1400, 390])
+def test_page_simulates_in_a_browser_without_a_server(browser, tmp_path, width):
+    path = feltmb.export_page(ACTION, tmp_path / "a.html")
+    browser.resize(width, 900)
+    browser.open(path)
+
+    def until(expression):
+        end = time.monotonic() + 60.0
+        while not browser.run(expression):
+            assert time.monotonic() < end, (expression, browser.complaints())
+            time.sleep(0.05)
+
+    until("!!(window.feltmbLive && feltmbLive.viewer && feltmbLive.got.a.quality === 'full')")
+    run = feltmb.simulate(ACTION, "forte", ledger=False)
+    speed = browser.run("feltmbLive.got.a.summary.impact_speed")
+    assert speed == pytest.approx(run.summary["impact_speed"], rel=1e-4)
+    browser.run("feltmbLive.keep()")
+    browser.run("feltmbLive.change('x', n => { n.playing.name = 'piano'; }, true)")
+    until(f"feltmbLive.got.b && feltmbLive.got.a.summary.impact_speed < 0.9 * {speed}")
+    assert browser.complaints() == []
+    assert browser.run("document.documentElement.scrollWidth") <= width
+    # A measured file, made of the model itself, has no distance from it.
+    run = feltmb.simulate(ACTION, "piano", ledger=False)
+    rows = zip(run.time[::10], 1e3 * run["hammer_tip.x"][::10], strict=True)
+    table = "time [s],hammer_tip.x [mm]\n" + "\n".join(f"{t},{x}" for t, x in rows)
+    browser.run(f"feltmbLive.upload([new File([{json.dumps(table)}], 'm.csv')])")
+    until("feltmbLive.last && feltmbLive.last.measured && feltmbLive.last.measured.rows")
+    (row,) = browser.run("feltmbLive.last.measured.rows")
+    assert row["rms"] < 1e-3  # mm: samples at other times
