@@ -1,19 +1,18 @@
 #!/usr/bin/env bash
 # The core as a WebAssembly module for `feltmb page`, beside the extension: python/feltmb/_core_page.wasm
 #   bash tools/wasm.sh
-# On Debian 12: emscripten libeigen3-dev curl xz-utils cmake. SUNDIALS is compiled once, into build/wasm.
+# On Debian 12: emscripten libeigen3-dev nodejs cmake xz-utils. SUNDIALS is compiled once, into build/wasm.
 #   SUNDIALS_SOURCE             folder with its source; default: Debian's source package
 #   CMAKE_BUILD_PARALLEL_LEVEL  compilers at a time
 set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 
 sundials=6.4.1
-archive=https://deb.debian.org/debian/pool/main/s/sundials/sundials_$sundials+dfsg1.orig.tar.xz
 work=$PWD/build/wasm
 prefix=$work/prefix
 
 missing=()
-for program in em++:emscripten emcmake:emscripten node:nodejs cmake:cmake; do
+for program in em++:emscripten node:nodejs cmake:cmake; do
   command -v "${program%%:*}" >/dev/null || missing+=("${program##*:}")
 done
 eigen=
@@ -33,12 +32,13 @@ flags='-O2 -fwasm-exceptions'
 if [ ! -e "$prefix/lib/libsundials_cvodes.a" ]; then
   source=${SUNDIALS_SOURCE:-$work/sundials-$sundials}
   if [ ! -e "$source/CMakeLists.txt" ]; then
-    curl -sSfL -o "$work/sundials.tar.xz" "$archive" || {
-      printf 'wasm.sh: the source of SUNDIALS %s could not be fetched; give its folder in SUNDIALS_SOURCE\n' \
-        "$sundials" >&2
+    orig=$work/sundials_$sundials+dfsg1.orig.tar.xz
+    (cd "$work" && apt-get source --download-only sundials && [ -e "$orig" ]) || {
+      printf 'wasm.sh: Debian has no source of SUNDIALS %s here: add "deb-src" to the types of its sources and run %s,\n  or give a folder with it in SUNDIALS_SOURCE\n' \
+        "$sundials" 'apt-get update' >&2
       exit 1
     }
-    tar -xf "$work/sundials.tar.xz" -C "$work"
+    tar -xf "$orig" -C "$work"
   fi
   # CMake seeks the size of a type in what the linker writes, which is a script here.
   emcmake cmake -S "$source" -B "$work/sundials" -DCMAKE_CROSSCOMPILING_EMULATOR=node \

@@ -215,8 +215,8 @@ def _rules(
         rules.setdefault(i, [i, 0.0, 0.0, float(values[i] - first[i]) / size])
     for size, values in moved:
         said = first.copy()
-        for i, scale, exp, add in rules.values():
-            said[int(i)] = first[int(i)] * (1 + scale * size) * np.exp(exp * size) + add * size
+        for i, (_, scale, exp, add) in rules.items():
+            said[i] = first[i] * (1 + scale * size) * np.exp(exp * size) + add * size
         if np.any(np.abs(said - values) > SAME * np.maximum(np.abs(values), np.abs(first))):
             return None
     return list(rules.values())
