@@ -15,7 +15,7 @@ from typing import Any
 import lmfit
 import numpy as np
 
-from causes.engines.workbench import Fitted, Workbench
+from causes.engines.workbench import Ended, Fitted, Workbench
 from unmodeled.search.problem import Members
 
 __all__ = ["run"]
@@ -48,7 +48,7 @@ def run(folder: Path, seconds: float) -> dict[str, Any]:
     best = bench.fit(())
     lowest, best = _fit(bench, (), best)
     said = ""
-    with contextlib.suppress(TimeoutError), bench.limited():
+    with contextlib.suppress(Ended), bench.limited():
         said = "the limit ended the search"  # a step that has not seen all candidates is none
         while len(best.members) < MOST:
             shapes = {bench.name(m): m.shape for m in best.members}

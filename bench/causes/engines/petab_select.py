@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import io
 import tempfile
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import petab_select
 from petab_select.constants import CANDIDATE_SPACE, TERMINATE, UNCALIBRATED_MODELS, Criterion
 
-from causes.engines.workbench import Fitted, Workbench
+from causes.engines.workbench import Ended, Fitted, Workbench
 
 __all__ = ["run"]
 
@@ -44,7 +45,7 @@ def run(folder: Path, seconds: float) -> dict[str, Any]:
     base = bench.fit(())
     best, said, known = base, "", {}
     if not names:
-        return bench.answer(base, version=petab_select.__version__)
+        return bench.answer(base, version=version("petab-select"))
 
     def fitted(some: tuple[str, ...]) -> Fitted:
         if some not in known:
@@ -56,7 +57,7 @@ def run(folder: Path, seconds: float) -> dict[str, Any]:
     with (
         tempfile.TemporaryDirectory() as place,
         contextlib.redirect_stdout(io.StringIO()),
-        contextlib.suppress(TimeoutError),
+        contextlib.suppress(Ended),
         bench.limited(),
     ):
         said = "the limit ended the search"
@@ -74,4 +75,4 @@ def run(folder: Path, seconds: float) -> dict[str, Any]:
             )
             space, ended = out[CANDIDATE_SPACE], out[TERMINATE]
         said = ""
-    return bench.answer(best, version=petab_select.__version__, said=said)
+    return bench.answer(best, version=version("petab-select"), said=said)

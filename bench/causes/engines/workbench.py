@@ -27,12 +27,16 @@ from unmodeled.search.linear import Ask, Point, count_global, evaluate, local_of
 from unmodeled.search.problem import Member, Members, Observed
 from unmodeled.search.records import prepare, ready_records
 
-__all__ = ["Fitted", "Workbench"]
+__all__ = ["Ended", "Fitted", "Workbench"]
 
 #: Growing parts of the records of the first fit: unknown starts have local minima.
 PARTS = 0.05, 0.2, 0.5, 1.0
 #: First magnitude of a candidate, in expected ones.
 FIRST = 0.1
+
+
+class Ended(BaseException):
+    """The limit ended a search; no error, so that no function of a model takes it for its own."""
 
 
 @dataclass(frozen=True)
@@ -79,10 +83,10 @@ class Workbench:
 
     @contextlib.contextmanager
     def limited(self) -> Iterator[None]:
-        """Raise :class:`TimeoutError` inside at the limit, wherever the program is."""
+        """Raise :class:`Ended` inside at the limit, wherever the program is."""
 
         def end(*_: Any) -> None:
-            raise TimeoutError("the limit ended the search")
+            raise Ended
 
         signal.signal(signal.SIGPROF, end)
         signal.setitimer(signal.ITIMER_PROF, max(self.left(), 0.01))
