@@ -210,6 +210,8 @@ def test_the_list_is_sorted_and_has_what_matters_only(report):
     unsure = replace(report, named=(), supported=report.named, verdict=Verdict.SUPPORTED)
     assert unsure.changes[0].tier == "supported"
     assert "whether it is the cause is not sure" in unsure.text(200)
+    assert "Whether dry friction is the cause is not sure" in unsure.summary()
+    assert "not sure" not in report.summary()
     zero = replace(report.named[0], low=-0.001)
     unsure = replace(unsure, named=(), supported=(zero,))
     assert "dry friction" in unsure.summary()  # the held-out records need it

@@ -126,6 +126,8 @@ def _statement(result: Result) -> str:
         found = f"from {before} " if math.isfinite(c.tabulated) else ""
         first = f"{joined(told, ', and').replace(' , and', ', and')}: {those} the residual of "
         first = f"{first[:1].upper()}{first[1:]}{c.name} {found}to {after} of its motion."
+        if unsure := joined([x.name for x in result.changes if x.tier == "supported"], "or"):
+            first += f" Whether {unsure} is the cause is not sure: another law could do the same."
     elif result.named or result.classes:
         first = f"What was found takes away less than what matters: {misses}."
     elif result.complete:
