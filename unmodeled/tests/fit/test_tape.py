@@ -25,6 +25,7 @@ from unmodeled import (
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import SensitivityRequest, batch, compile, compiled, step
 from unmodeled.fit.authoring import Candidate, Jobs
+from unmodeled.fit.methods import METHODS
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
 TIME = 5e-3 * np.arange(121)
@@ -375,7 +376,7 @@ def test_derivatives_are_those_of_complex_steps(backend, substeps):
             np.zeros((0, 1)), at[3:, None], np.zeros((0, 0)),
         )  # fmt: skip
         show = lambda t, x, u, k: np.array([*x, k[1]])  # noqa: E731
-        return step.plain(slopes, show, np.ones(2), step.METHODS["rk4"], substeps, lanes).outputs[0]
+        return step.plain(slopes, show, np.ones(2), METHODS["rk4"], substeps, lanes).outputs[0]
 
     point = np.concatenate([values, start]).astype(complex)
     np.testing.assert_allclose(s.outputs, run(point).real, rtol=1e-11, atol=1e-13)

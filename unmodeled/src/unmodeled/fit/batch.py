@@ -19,6 +19,7 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter, shown
 from unmodeled.fit.calling import calling
 from unmodeled.fit.coordinates import Named, Rate
+from unmodeled.fit.methods import METHODS
 from unmodeled.fit.model import (
     BETWEEN,
     Batch,
@@ -31,7 +32,7 @@ from unmodeled.fit.model import (
     sensitivity_of,
 )
 from unmodeled.fit.program import program_of
-from unmodeled.fit.step import METHODS, Lanes, Runs, plain, run
+from unmodeled.fit.step import Lanes, Runs, plain, run
 from unmodeled.fit.tape import Traced
 from unmodeled.fit.traces import (
     Kind,

@@ -18,7 +18,7 @@ from unmodeled.fit.program import Program
 from unmodeled.fit.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
 
 if TYPE_CHECKING:
-    from unmodeled.fit.step import Method
+    from unmodeled.fit.methods import Method
 
 #: Largest number of simulations for which plain numbers are faster than arrays: an operation takes
 #: 0.04 us on a number, and 0.7 us on an array of up to 20.
