@@ -45,13 +45,13 @@ if TYPE_CHECKING:
         Audit,
         ContactFit,
         FeltEnvelope,
-        FeltLaw,
         Identification,
         LawFit,
         LoopUncertainty,
         MeasuredLoop,
         PooledLaw,
     )
+    from feltmb.felt.envelopes import FeltLaw
 
 #: A file that exists.
 FILE = click.Path(dir_okay=False, path_type=Path)

@@ -176,7 +176,8 @@ def power_stiffness(node: object) -> float:
         return parse_scalar(node, f"N/m^{power}")
     if isinstance(node, Mapping):
         node = {k: v for k, v in node.items() if k != "unit"}
-    return parse_scalar(number_and_unit(node)[0] if isinstance(node, str) and unit else node, "1")
+    parts = number_and_unit(node) if isinstance(node, str) and unit else None
+    return parse_scalar(node if parts is None else parts[0], "1")
 
 
 def power_faults(law: LawInfo, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

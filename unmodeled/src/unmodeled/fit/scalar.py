@@ -98,7 +98,7 @@ def _generated(program: Program, rates: Code, method: Method) -> Callable[..., l
     held = range(1 + program.states, first)
     states = range(program.states)
     lines = ["def march(times, signals, constants, starts, substeps):", " path = []"]
-    lines += [f" r{i} = {float(v)!r}" for i, v in zip(*map(list, program.constants), strict=True)]
+    lines += [f" r{i} = {float(v)!r}" for i, v in zip(*program.constants, strict=True)]
     lines += [f" r{first + i} = constants[{i}]" for i in range(program.constants_of_jobs)]
     lines += [f" {line}" for line in _operations(program, program.once, names)]
     lines += [f" x{i} = starts[{i}]" for i in states]
