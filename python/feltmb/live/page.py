@@ -29,8 +29,6 @@ from unmodeled.errors import Error, InvalidParameter
 from unmodeled.files import check_suffix, check_writable, read_input, write_text
 from unmodeled.style import reader_unit
 
-__all__ = ["MODULE", "content_of", "export_page", "worker_script"]
-
 Array = npt.NDArray[np.float64]
 
 #: The core as a WebAssembly module, beside the extension.
