@@ -53,14 +53,14 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Inp
   phi_.resize(at(m.total_shapes));
   dphi_.resize(at(m.total_shapes));
   if (ledger) {
-    ledger_names_ = {"work_in", "work_throughput"};
+    quadrature_names_ = {"work_in", "work_throughput"};
     for (const auto& c : m.contacts) {
-      ledger_names_.push_back("dissipated." + c.name + ".normal");
-      ledger_names_.push_back("dissipated." + c.name + ".friction");
+      quadrature_names_.push_back("dissipated." + c.name + ".normal");
+      quadrature_names_.push_back("dissipated." + c.name + ".friction");
     }
-    for (const auto& k : m.coordinates) ledger_names_.push_back("dissipated.joint." + k);
-    for (const auto& s : m.strings) ledger_names_.push_back("dissipated." + s.name);
-    for (const auto& b : m.beams) ledger_names_.push_back("dissipated." + b.name);
+    for (const auto& k : m.coordinates) quadrature_names_.push_back("dissipated.joint." + k);
+    for (const auto& s : m.strings) quadrature_names_.push_back("dissipated." + s.name);
+    for (const auto& b : m.beams) quadrature_names_.push_back("dissipated." + b.name);
   }
   if (events) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
@@ -783,14 +783,11 @@ void MechanismSystem::read_events(std::span<double> g) const {
   }
 }
 
-void MechanismSystem::powers(double t, std::span<const double> y, std::span<double> out) {
-  if (!(t == rhs_time_)) {
-    evaluate_apart(t, y);
-    // The contacts are where a right-hand side would leave them, but at another state than the
-    // last.
-    rhs_time_ = t;
-    fresh_ = false;
-  }
+void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
+  evaluate_apart(t, y);
+  // The contacts are where a right-hand side would leave them, but at another state than the last.
+  rhs_time_ = t;
+  fresh_ = false;
   const Mechanism& m = mechanism();
   const MechanicalState p = parts(y);
   const Drive now = drive(t);
@@ -806,28 +803,28 @@ void MechanismSystem::powers(double t, std::span<const double> y, std::span<doub
     power = now.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));
   }
   std::size_t i = 0;
-  out[i++] = power;
-  out[i++] = std::fabs(power);
+  h[i++] = power;
+  h[i++] = std::fabs(power);
   for (std::size_t c = 0; c < m.contacts.size(); ++c) {
     const ContactState& s = dynamics_.contacts()[c];
     if (!s.closed && m.contacts[c].law.n_states() == 0) {
-      out[i++] = 0.0;
-      out[i++] = 0.0;
+      h[i++] = 0.0;
+      h[i++] = 0.0;
       continue;
     }
-    out[i++] = m.contacts[c].law.dissipated_power(s.closed ? s.compression : 0.0,
-                                                  s.closed ? s.rate : 0.0, dynamics_.memory(c));
-    out[i++] = s.friction.value * s.law.force * s.slip;
+    h[i++] = m.contacts[c].law.dissipated_power(s.closed ? s.compression : 0.0,
+                                                s.closed ? s.rate : 0.0, dynamics_.memory(c));
+    h[i++] = s.friction.value * s.law.force * s.slip;
   }
-  for (int k = 0; k < n_; ++k) out[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
+  for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
   for (const auto& s : m.strings) {
     // What a free string loses is counted from its energy.
-    out[i++] =
+    h[i++] =
         apart_ ? 0.0
                : s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
-    out[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
+    h[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
   }
 }
 

@@ -14,7 +14,6 @@
 #include "feltmb/model/linear_machine.hpp"
 #include "feltmb/model/stepper.hpp"
 #include "feltmb/numeric/bracketing.hpp"
-#include "feltmb/ode/adams_quadrature.hpp"
 #include "feltmb/ode/events.hpp"
 
 namespace feltmb {
@@ -250,8 +249,6 @@ class Run {
         mechanism_(mechanism),
         system_(mechanism, input, options.ledger, monitors, options.events),
         locator_(system_),
-        ledger_(system_.ledger_names().size()),
-        power_(ledger_.size()),
         modal_(options.method != Method::kCvode && !mechanism->strings.empty()),
         whole_size_(system_.size()),
         string_heat_(mechanism->strings.size(), 0.0),
@@ -342,9 +339,8 @@ class Run {
       (system_.strings_apart() ? apart_ : whole_) = make_integrator(!system_.strings_apart());
     }
     Integrator* integrator = current();
-    ledger_.reset();
-    start_at(*integrator, 0.0);
-    sample(0.0, y_);
+    integrator->start(0.0, state_of(y_), true);
+    sample(0.0, y_, nullptr);
     if (!broken_.empty()) {
       throw InvalidParameter("start state: " + broken_ + "; is the run that it is from damaged?");
     }
@@ -366,32 +362,28 @@ class Run {
         break;
       }
       ++steps;
-      // First, since they read the contacts of the last right-hand side.
-      const double reached = integrator->time();
-      if (ledger_.size() > 0) {
-        system_.powers(reached, integrator->state(), power_);
-        ledger_.step(reached, power_, at(integrator->last_order()) + 1);
-      }
+      // First, since it reads the contacts of the last right-hand side.
       Reversal reversal = find_reversal(*integrator);
       const double strike = find_strike(*integrator);
       if (strike < reversal.time) reversal.contact = -1;
-      const bool struck = strike < reached && reversal.contact < 0;
-      const double now = reversal.contact >= 0 ? reversal.time : struck ? strike : reached;
+      const bool struck = strike < integrator->time() && reversal.contact < 0;
+      const double now = reversal.contact >= 0 ? reversal.time
+                         : struck              ? strike
+                                               : integrator->time();
       if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
         sample_until(*integrator, now);
         fail_at(now, beyond);
         break;
       }
       for (auto& watch : watches_) watch.look(system_, *integrator, now, scratch_);
-      for (const Crossing& crossing : locator_.scan(*integrator, now)) {
-        record_event(*integrator, crossing);
-      }
       sample_until(*integrator, now);
       if (!broken_.empty()) {
         fail_at(last_sample_, broken_);
         break;
       }
-      if (now < reached) ledger_.cut(now);
+      for (const Crossing& crossing : locator_.scan(*integrator, now)) {
+        record_event(*integrator, crossing);
+      }
       if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
       const bool free = system_.strings_apart();
       if (reversal.contact >= 0) {
@@ -413,7 +405,7 @@ class Run {
         } else if (restart) {
           // The slope of the input jumps here: the multistep history is void.
           std::copy(integrator->state().begin(), integrator->state().end(), y_.begin());
-          start_at(*integrator, now);
+          integrator->start(now, state_of(y_), false);
           ++result_.restarts;
         }
       } else if (leaving_) {
@@ -515,6 +507,7 @@ class Run {
 
   std::unique_ptr<Integrator> make_integrator(bool with_strings) {
     IntegratorOptions o;
+    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * kLedgerTolerance);
     o.max_step = options_.max_step;
     // The integrator weighs the mean square of all errors. Strings at rest have none: without
     // them the same tolerance would ask for more of the rest.
@@ -527,15 +520,7 @@ class Run {
     return std::make_unique<Integrator>(system_, o);
   }
 
-  /// Starts from y_; the rates of the ledger are evaluated there.
-  void start_at(Integrator& integrator, double t) {
-    integrator.start(t, state_of(y_));
-    if (ledger_.size() == 0) return;
-    system_.powers(t, state_of(y_), power_);
-    ledger_.start(t, power_);
-  }
-
-  /// Of each integral of the ledger that counts as nothing, over rtol [J].
+  /// Absolute tolerance of each quadrature over rtol [J].
   static constexpr double kLedgerTolerance = 1e-3;
 
   Integrator* current() { return system_.strings_apart() ? apart_.get() : whole_.get(); }
@@ -575,16 +560,23 @@ class Run {
     for (std::size_t s = 0; s < string_heat_.size(); ++s) string_heat_[s] += system_.string_heat(s);
     if (!whole_) whole_ = make_integrator(true);
     ++result_.strikes;
-    start_at(*whole_, t);
-    return whole_.get();
+    return hand_over(integrator, *whole_, t);
   }
 
   Integrator* leave_strings(const Integrator& integrator) {
     std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
     system_.part_strings(integrator.time(), y_);
     if (!apart_) apart_ = make_integrator(false);
-    start_at(*apart_, integrator.time());
-    return apart_.get();
+    return hand_over(integrator, *apart_, integrator.time());
+  }
+
+  Integrator* hand_over(const Integrator& from, Integrator& to, double t) {
+    if (!ledger_scratch_.empty()) {
+      from.interpolate_quadratures(t, ledger_scratch_);
+      to.set_quadratures(ledger_scratch_);
+    }
+    to.start(t, state_of(y_), false);
+    return &to;
   }
 
   std::vector<double>& largest() { return system_.dynamics().largest_compression(); }
@@ -738,7 +730,7 @@ class Run {
     mechanism_->contacts[at(reversal.contact)].law.turn(
         reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
     remembered = std::max(remembered, reversal.compression);
-    start_at(integrator, reversal.time);
+    integrator.start(reversal.time, state_of(y_), false);
     system_.locate(reversal.time, y_, Detail::kAllContacts);
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       felt_rate_[i] = remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
@@ -747,7 +739,7 @@ class Run {
   }
 
   void prepare_outputs() {
-    result_.ledger_names = system_.ledger_names();
+    result_.ledger_names = system_.quadrature_names();
     if (!options_.outputs) return;
     channels_ = Channels(system_.mechanism());
     result_.name_outputs(channels_);
@@ -775,18 +767,18 @@ class Run {
            sample_time(next_sample_) <= now) {
       const double t = sample_time(next_sample_);
       integrator.interpolate(t, scratch_);
-      sample(t, scratch_);
+      sample(t, scratch_, &integrator);
     }
   }
 
-  void sample(double t, std::span<const double> y) {
+  void sample(double t, std::span<const double> y, const Integrator* integrator) {
     const bool taken = options_.outputs && t >= options_.outputs_from;
     if (next_sample_ == 0 && options_.outputs && options_.ledger) {
       result_.start.resize(result_.names.size());
       channels_.observe(system_, t, y, result_.start);
     }
     if (taken) {
-      take_sample(t, y);
+      take_sample(t, y, integrator);
     } else if (!result_.lowest.empty()) {
       system_.place(y);
     }
@@ -821,7 +813,7 @@ class Run {
     }
   }
 
-  void take_sample(double t, std::span<const double> y) {
+  void take_sample(double t, std::span<const double> y, const Integrator* integrator) {
     if (rows_ >= result_.time.size()) return;
     const auto row = static_cast<Eigen::Index>(rows_);
     result_.time[row] = t;
@@ -836,7 +828,11 @@ class Run {
     look_for_nan(y.first(system_.size()), [&](std::size_t i) { return system_.state_name(i); });
     look_at_deflections(t, seen);
     if (!ledger_scratch_.empty()) {
-      ledger_.integrals(t, ledger_scratch_);
+      if (integrator != nullptr) {
+        integrator->interpolate_quadratures(t, ledger_scratch_);
+      } else {
+        std::fill(ledger_scratch_.begin(), ledger_scratch_.end(), 0.0);
+      }
       // work_in and work_throughput come first, then two columns a contact.
       for (std::size_t i = 0; i < recovered_.size(); ++i) {
         ledger_scratch_[2 + 2 * i] += recovered_[i];
@@ -1041,7 +1037,7 @@ class Run {
     b.turned_over =
         std::max({last[1], last.tail(losses).cwiseAbs().sum(), stored.cwiseAbs().maxCoeff(),
                   result_.data.rightCols(Channels::kStoredParts).col(0).maxCoeff(), start[0]});
-    // What rounding and tolerance leave over is nothing.
+    // What the quadratures leave over is nothing.
     const double least =
         options_.rtol * kLedgerTolerance * static_cast<double>(result_.ledger.cols());
     b.residual_relative = b.residual_largest / std::max(b.turned_over, least);
@@ -1071,8 +1067,6 @@ class Run {
   std::shared_ptr<const Mechanism> mechanism_;
   MechanismSystem system_;
   EventLocator locator_;
-  AdamsQuadrature ledger_;
-  std::vector<double> power_;     ///< rates of the ledger [W]
   const bool modal_;              ///< strings that are free are advanced exactly
   const std::size_t whole_size_;  ///< of the state with all strings
   std::unique_ptr<Integrator> whole_, apart_;
