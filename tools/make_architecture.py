@@ -35,6 +35,8 @@ FOLDERS = {
     "batch": "many strokes and segments in threads",
     "bindings": "feltmb._core: the only part that sees Python",
     "fmu": "the C functions of co-simulation units (FMI), a binary of its own",
+    "c": "the C interface of a felt",
+    "wasm": "the C functions of the web page, compiled to WebAssembly",
     "bench": "speed, apart from the tests",
 }
 
