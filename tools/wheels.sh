@@ -8,6 +8,7 @@
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
+unset PYTHONPATH # with a clone on it, pip takes its packages for installed ones
 work=build/wheels
 tests=(tests/python/run/test_machine.py tests/python/run/test_fmu.py
   tests/python/package/test_import.py tests/python/run/test_simulate.py

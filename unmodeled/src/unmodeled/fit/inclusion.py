@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
+from unmodeled.fit.calling import Means
 from unmodeled.fit.model import (
     Batch,
     Candidate,
@@ -161,15 +161,8 @@ class Including(Model):
         base = self._base.ready(records)
         return replace(base, model=self._with(base.model))
 
-    def running(
-        self,
-        *,
-        executor: Any = None,
-        cache: str | Path | None = None,
-        workers: int | None = None,
-    ) -> Including:
-        """See :meth:`~unmodeled.Model.running`."""
-        out = self._with(self._base.running(executor=executor, cache=cache, workers=workers))
+    def _by(self, means: Means) -> Including:
+        out = self._with(self._base._by(means))
         out.parameters = self.parameters
         return out
 

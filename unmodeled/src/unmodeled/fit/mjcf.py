@@ -6,7 +6,7 @@ import copy
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import write_text
-from unmodeled.fit.calling import Run
+from unmodeled.fit.calling import Means, Run
 from unmodeled.fit.mjcf_changes import controls
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.model import Candidate, Origin, Ready
@@ -56,19 +56,12 @@ class MujocoModel(Simulator):
                 )
         return super().matched(records)
 
-    def running(
-        self,
-        *,
-        executor: Any = None,
-        cache: str | Path | None = None,
-        workers: int | None = None,
-    ) -> MujocoModel:
-        """See :meth:`~unmodeled.Model.running`."""
-        out = super().running(executor=executor, cache=cache, workers=workers)
+    def _by(self, means: Means) -> MujocoModel:
+        out = super()._by(means)
         assert isinstance(out, MujocoModel)
-        if workers is not None:
+        if means.workers is not None:
             out.mjcf = out._function = copy.copy(self.mjcf)
-            out.mjcf.workers = workers
+            out.mjcf.workers = means.workers
             out._runner = out._new_runner()
         return out
 

@@ -22,6 +22,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, InputMode, Record, StartPrior
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, write_text
+from unmodeled.fit.calling import Means
 from unmodeled.fit.coordinates import Coordinate, Coupling
 from unmodeled.lazy import lazy_import
 
@@ -653,7 +654,22 @@ class Model(ABC):
         InvalidParameter
             The model is of another kind, the function cannot be pickled, or nothing identifies it.
         """
-        del executor, cache, workers
+        if workers is not None and (workers < 1 or executor is not None):
+            beside = " and an executor" * (executor is not None)
+            raise InvalidParameter(
+                f"model {self.name}: workers = {workers}{beside}, expected a whole number >= 1, or "
+                "an executor alone"
+            )
+        if executor is not None and not callable(getattr(executor, "submit", None)):
+            raise InvalidParameter(
+                f"model {self.name}: executor is {type(executor).__name__}, expected one of "
+                "concurrent.futures or a Dask client: an object with submit"
+            )
+        folder = None if cache is None else Path(cache).expanduser()
+        return self._by(Means(workers, executor, folder))
+
+    def _by(self, means: Means) -> Model:
+        del means
         raise InvalidParameter(
             f"model {self.name}: executor, workers and cache are for a Simulator, an FMU or a "
             f"MuJoCo model, got {type(self).__name__}, whose runs are computed together in this "

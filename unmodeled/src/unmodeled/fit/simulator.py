@@ -10,7 +10,6 @@ import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -243,29 +242,10 @@ class Simulator(Model):
         names = {"inputs": self.inputs, "outputs": self.outputs, "parameters": self._names}
         return Runner(self._function, self.outputs, self.name, self._means, names)
 
-    def running(
-        self,
-        *,
-        executor: Any = None,
-        cache: str | Path | None = None,
-        workers: int | None = None,
-    ) -> Simulator:
-        """See :meth:`~unmodeled.Model.running`."""
-        if workers is not None and (workers < 1 or executor is not None):
-            beside = " and an executor" * (executor is not None)
-            raise InvalidParameter(
-                f"model {self.name}: workers = {workers}{beside}, expected a whole number >= 1, or "
-                "an executor alone"
-            )
-        if executor is not None and not callable(getattr(executor, "submit", None)):
-            raise InvalidParameter(
-                f"model {self.name}: executor is {type(executor).__name__}, expected one of "
-                "concurrent.futures or a Dask client: an object with submit"
-            )
-        given = {"executor": executor, "workers": workers}
-        given["cache"] = None if cache is None else Path(cache).expanduser()
+    def _by(self, means: Means) -> Simulator:
+        given = {k: v for k, v in vars(means).items() if v is not None}
         out = copy.copy(self)
-        out._means = replace(self._means, **{k: v for k, v in given.items() if v is not None})
+        out._means = replace(self._means, **given)
         out._runner = out._new_runner()
         out._ready = False
         return out
