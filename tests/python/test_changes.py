@@ -122,14 +122,15 @@ def test_an_output_is_one_row_and_compiles(tmp_path):
     check_syntax(tmp_path, text)
 
 
-def overlaid(tmp_path, page, part, place="python/feltmb"):
-    """A package with a page applied: a part of it copied, the rest as links."""
+def overlaid(tmp_path, page, *parts, place="python/feltmb"):
+    """A package with a page applied: parts of it copied, the rest as links."""
     package = tmp_path / place
     package.mkdir(parents=True)
     for item in (ROOT / place).iterdir():
-        if item.name not in ("__pycache__", part):
+        if item.name not in ("__pycache__", *parts):
             (package / item.name).symlink_to(item)
-    copy_of(tmp_path, f"{place}/{part}")
+    for part in parts:
+        copy_of(tmp_path, f"{place}/{part}")
     extension = next(Path(_core.__file__).parent.glob("_core.*.so"))
     if place == "python/feltmb" and not (package / extension.name).exists():
         (package / extension.name).symlink_to(extension)
@@ -166,17 +167,24 @@ def test_a_command_is_one_file_and_one_line(tmp_path):
 
 
 def test_a_generic_effect_is_one_file(tmp_path):
-    touched = overlaid(tmp_path, "add_an_effect.md", "library", f"{DIAGNOSIS}/unmodeled")
-    assert touched == [f"{DIAGNOSIS}/unmodeled/library/magnets.py"]
+    touched = overlaid(
+        tmp_path, "add_an_effect.md", "library", "chain", place=f"{DIAGNOSIS}/unmodeled"
+    )
+    assert touched == [
+        f"{DIAGNOSIS}/unmodeled/chain/hum.py",
+        f"{DIAGNOSIS}/unmodeled/library/magnets.py",
+    ]
     said = run_in(
         tmp_path,
         "from unmodeled.fit import Coordinate\n"
         "from unmodeled import library\n"
         "part = Coordinate(name='slide', position='q', speed='v', inertia='m')\n"
         "for e in library.for_coordinate(part, force=2.0, travel=0.1, speed=1.0):\n"
-        "    print(e.name, e.scale)\n",
+        "    print(e.name, e.scale)\n"
+        "print(library.sensor_fault(['q'], 'q', 'hum').name)\n",
     )
-    lines = said.splitlines()
+    *lines, fault = said.splitlines()
+    assert fault == "hum of sensor q"
     assert "end magnet slide 0.2" in lines
     assert len(lines) == 1 + len(library.for_coordinate(PART, force=2.0, travel=0.1, speed=1.0))
 
@@ -237,7 +245,7 @@ print(found.cause, found.low, found.high)
 
 def test_an_adapter_for_another_simulator_is_one_file(tmp_path):
     """A program that is started anew for each run; its withheld dry friction is found."""
-    touched = overlaid(tmp_path, "add_a_simulator.md", "fit", f"{DIAGNOSIS}/unmodeled")
+    touched = overlaid(tmp_path, "add_a_simulator.md", "fit", place=f"{DIAGNOSIS}/unmodeled")
     assert touched == [f"{DIAGNOSIS}/unmodeled/fit/command.py"]
     (tmp_path / "cart.py").write_text(PROGRAM, encoding="utf-8")
     cause, low, high = run_in(tmp_path, RUN_PROGRAM).split()

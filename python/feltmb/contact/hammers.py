@@ -38,6 +38,7 @@ class Hammer:
             "damping": 0.0,
         }
 
+    @checked
     def contact(self, speed: float, mass: float | None = None) -> tuple[float, float]:
         """Largest force [N] and duration [s] of a free blow on a rigid surface at ``speed`` [m/s].
 

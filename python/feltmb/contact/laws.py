@@ -121,6 +121,7 @@ class Law:
         """
         return tuple(self._path.save())
 
+    @checked
     def restore(self, saved: Sequence[float]) -> None:
         """Return to a point that :meth:`save` gave.
 

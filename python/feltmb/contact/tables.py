@@ -18,6 +18,23 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.units import conversion_factor, number_and_unit
 from unmodeled.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
 
+__all__ = [
+    "CORE_LAWS",
+    "LAWS",
+    "Curve",
+    "EnvelopeTable",
+    "LawField",
+    "LawInfo",
+    "core_envelope",
+    "make_core",
+    "power_faults",
+    "power_stiffness",
+    "to_core",
+    "with_fields",
+    "with_laws",
+    "with_numbers",
+]
+
 Model = TypeVar("Model", bound=BaseModel)
 Struct = TypeVar("Struct")
 
@@ -176,8 +193,9 @@ def power_stiffness(node: object) -> float:
         return parse_scalar(node, f"N/m^{power}")
     if isinstance(node, Mapping):
         node = {k: v for k, v in node.items() if k != "unit"}
-    parts = number_and_unit(node) if isinstance(node, str) and unit else None
-    return parse_scalar(node if parts is None else parts[0], "1")
+    elif isinstance(node, str):
+        node = node.replace(unit, "")  # N/m^p: the number is in SI
+    return parse_scalar(node, "1")
 
 
 def power_faults(law: LawInfo, given: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -25,6 +25,7 @@ def history(
     model: str,
     time: ArrayLike,
     compression: ArrayLike,
+    /,
     *,
     rate: ArrayLike | None = None,
     spring: str = "van_wyk",
@@ -48,7 +49,8 @@ def history(
     spring
         Compression law of the springs of ``dunlop`` and ``stamm_kelvin``.
     params
-        Parameters of the model, numbers or lists (one value per unit), and of the spring.
+        Parameters of the model, numbers or lists (one value per unit), and of the spring. ``time``
+        is one of ``stulov``, so that the path is given by position.
 
     Returns
     -------

@@ -16,6 +16,7 @@ import pytest
 import feltmb
 import unmodeled
 from feltmb import actuator, contact, felt, fiber, sensitivity
+from feltmb.live.page import MODULE
 from unmodeled import experiment, fit
 from unmodeled.arguments import AnyNumber, checked
 from unmodeled.errors import Error, InvalidParameter, shown
@@ -256,6 +257,7 @@ def model_methods(model):
         "numbers": {"theta": theta, "included": (), "magnitudes": np.zeros(0)},
         "matched": {"records": [record()]},
         "ready": {"records": [record()]},
+        "running": {"executor": None, "cache": None, "workers": None},
         "simulate": {"record": record(), "jobs": rows},
         "simulate_all": {"batches": [(record(), rows)]},
         "states": {"included": ()},
@@ -583,7 +585,12 @@ CALLS = {
         "max_order": None,
         "force": True,
     },
-    "feltmb.export_page": lambda: {"action": pendulum(), "path": "page.html", "force": True},
+    # Without its compiled module it refuses everything.
+    "feltmb.export_page": (
+        (lambda: {"action": pendulum(), "path": "page.html", "force": True})
+        if MODULE.is_file()
+        else None
+    ),
     # felt
     "feltmb.felt.FeltEnvelope": lambda: {
         "compression": np.array([0.0, 1e-3, 2e-3]),
@@ -1154,6 +1161,12 @@ CALLS = {
     },
     # contact
     "feltmb.contact.Law": lambda: {"core": law().core, "name": None},
+    "feltmb.contact.Hammer.contact": lambda: (
+        feltmb.contact.hammer("stulov:44"),
+        {"speed": 2.0, "mass": 5e-3},
+    ),
+    "feltmb.contact.Law.restore": lambda: (law(), {"saved": law().save()}),
+    "feltmb.contact.hammer": lambda: {"name": "stulov:44"},
     "feltmb.contact.Law.force": lambda: (
         law(),
         {"compression": 1e-3, "rate": 0.0, "state": (0.0, ())},
@@ -1361,6 +1374,8 @@ def do(function, arguments):
             kwargs = {}
         elif parameter.kind is parameter.VAR_KEYWORD:
             kwargs.update(arguments[name])
+        elif parameter.kind is parameter.POSITIONAL_ONLY:
+            args.append(arguments[name])
         else:
             kwargs[name] = arguments[name]
     kwargs |= {

@@ -621,6 +621,7 @@ class Model(ABC):
         notes: list[str] = []
         return Ready(self, tuple(_with_inputs(r, self, notes) for r in records), tuple(notes))
 
+    @checked
     def running(
         self,
         *,
@@ -654,6 +655,8 @@ class Model(ABC):
         InvalidParameter
             The model is of another kind, the function cannot be pickled, or nothing identifies it.
         """
+        if executor is None and cache is None and workers is None:
+            return self
         if workers is not None and (workers < 1 or executor is not None):
             beside = " and an executor" * (executor is not None)
             raise InvalidParameter(
