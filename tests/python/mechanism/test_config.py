@@ -163,7 +163,7 @@ def test_curve_coefficients_and_envelopes_are_in_si_units(action):
     assert curve.value("contacts.02.loading.b") == (2e3, "1/m")
     loop = {"unit": ["mm", "N"], "compression": [0.0, 0.5, 1.0],
             "loading": [0.0, 4.0, 10.0], "unloading": [0.0, 3.0, 10.0]}  # fmt: skip
-    raw["contacts"]["02"]["memory"] = {"envelope": loop}
+    raw["contacts"]["02"] |= {"law": "felt_memory", "memory": {"envelope": loop}}
     wider = Action(raw).with_values({"contacts.02.memory.envelope.compression": [0.0, 1e-3, 2e-3]})
     assert wider.raw["contacts"]["02"]["memory"]["envelope"]["compression"] == [0.0, 1.0, 2.0]
 
