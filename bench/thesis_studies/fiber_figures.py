@@ -322,7 +322,10 @@ def laws_with_memory() -> Any:
         ("stulov", {"stiffness": 1e9, "exponent": 2.5, "amplitude": 0.6, "time": 2e-4}),
         ("stulov_differential", {"stiffness": 4e8, "exponent": 2.5, "time": 3e-4}),
         ("hunt_crossley", {"stiffness": 4e8, "exponent": 2.5, "damping": 0.2}),
-        ("lankarani_nikravesh", {"K": 4e8, "n": 2.5, "e": 0.8, "impact_speed": 1.57}),
+        (
+            "lankarani_nikravesh",
+            {"stiffness": 4e8, "exponent": 2.5, "restitution": 0.8, "impact_speed": 1.57},
+        ),
     )
     for color, (name, given) in zip(COLORS, cases, strict=False):
         axes[2].plot(

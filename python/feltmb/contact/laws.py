@@ -190,7 +190,7 @@ def law(name: str, **parameters: Any) -> Law:
 
 def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
     """Values of a law's fields for the core; all faults are in one message."""
-    given = _in_si(law, given)
+    given, wrong = _in_si(law, given)
     needed, optional = _keys(law, given)
     known = {**needed, **optional}
     unknown = sorted(set(given) - set(known))
@@ -200,8 +200,9 @@ def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
     if unknown:
         faults.append(f"unknown parameter {', '.join(unknown)}; known are {', '.join(known)}")
     for key, kind in known.items():
-        if key in given:
+        if key in given and key not in wrong:
             faults += _fault(key, kind, given[key])
+    faults += wrong.values()
     if faults:
         raise InvalidParameter("\n".join(f"law {law.name!r}: {f}" for f in faults))
     values = {key: _value(known[key], given[key]) for key in given}
@@ -211,9 +212,9 @@ def _core_values(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
     return values
 
 
-def _in_si(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
-    """Texts with a unit as numbers in SI units."""
-    faults = [f"{name}: {text}" for name, text in power_faults(law, given)]
+def _in_si(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
+    """Texts with a unit as numbers in SI units, and the faults of the others by key."""
+    faults = {name: f"{name}: {text}" for name, text in power_faults(law, given)}
     units = {f.name: f.unit for f in law.fields if f.kind == "number"}
     out = dict(given)
     for name, unit in units.items():
@@ -223,10 +224,8 @@ def _in_si(law: LawInfo, given: dict[str, Any]) -> dict[str, Any]:
             power = unit == "N/m^p"
             out[name] = power_stiffness(given[name]) if power else parse_scalar(given[name], unit)
         except ValueError as error:
-            faults.append(f"{name}: {error}")
-    if faults:
-        raise InvalidParameter("\n".join(f"law {law.name!r}: {f}" for f in faults))
-    return out
+            faults[name] = f"{name}: {error}"
+    return out, faults
 
 
 def _keys(law: LawInfo, given: dict[str, Any]) -> tuple[dict[str, str], dict[str, str]]:

@@ -63,7 +63,7 @@ def test_all_faults_of_a_law_come_at_once():
         "closing_compression, kappa, wiping_out, recovery_time, creep_stiffness, creep_damping, "
         "rate_amplitude, rate_time",
         "law 'felt_memory': loading = (1.0, 2.0), expected (a [N/m], b [1/m], c [N/m]) of eq. 4.21",
-        "law 'felt_memory': rate_time = 'x', expected a number",
+        "law 'felt_memory': rate_time: got 'x', expected a finite number with a unit of s",
     ]
     curve = (1e3, 1e3, 0.0)
     with pytest.raises(feltmb.InvalidParameter) as error:
