@@ -18,23 +18,6 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.units import conversion_factor, number_and_unit
 from unmodeled.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
 
-__all__ = [
-    "CORE_LAWS",
-    "LAWS",
-    "Curve",
-    "EnvelopeTable",
-    "LawField",
-    "LawInfo",
-    "core_envelope",
-    "make_core",
-    "power_faults",
-    "power_stiffness",
-    "to_core",
-    "with_fields",
-    "with_laws",
-    "with_numbers",
-]
-
 Model = TypeVar("Model", bound=BaseModel)
 Struct = TypeVar("Struct")
 
