@@ -223,8 +223,7 @@ FELTMB_PAGE const double* feltmb_read(Machine* machine, const char* name, int* c
                               {static_cast<double>(l.point), l.start, l.lowest});
       }
     } else if (what == "counts") {
-      machine->shown = {static_cast<double>(run.counts.steps),
-                        static_cast<double>(run.counts.rhs)};
+      machine->shown = {static_cast<double>(run.counts.steps), static_cast<double>(run.counts.rhs)};
     } else {
       throw InvalidParameter("there is nothing called " + what);
     }

@@ -35,8 +35,8 @@ std::size_t left_at(double e, const TurningPoints& turns) {
   return n;
 }
 
-/// Eight nodes for each factor exp(2) of a power of G, at least the 24th: the ratio of the branches of
-/// D bends. Energies come back to 2e-7.
+/// Eight nodes for each factor exp(2) of a power of G, at least the 24th: the ratio of the branches
+/// of D bends. Energies come back to 2e-7.
 const QuadratureRule& panel_rule() {
   static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(8));
   return rule;
