@@ -24,7 +24,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any, Literal
 
-__all__ = ["Answer", "Cause", "Marked", "Truth", "compare", "mark", "mcnemar", "read", "table"]
+__all__ = [
+    "Answer", "Cause", "Marked", "Truth", "case_numbers", "compare", "mark", "mcnemar", "read",
+    "table", "without_nan",
+]  # fmt: skip
 
 Kind = Literal["control", "effect", "outside", "one of", "numbers"]
 #: Marks, best first.
@@ -121,12 +124,21 @@ class Answer:
         )
 
 
-def _without_nan(value: Any) -> Any:
+def case_numbers(text: str, count: int) -> list[int]:
+    """Case numbers of "0,3,5-9", as far as there are so many cases."""
+    out: list[int] = []
+    for part in text.split(","):
+        low, _, high = part.partition("-")
+        out += range(int(low), int(high or low) + 1)
+    return [n for n in out if n < count]
+
+
+def without_nan(value: Any) -> Any:
     """Plain data in which a number that is not known is null."""
     if isinstance(value, Mapping):
-        return {k: _without_nan(v) for k, v in value.items()}
+        return {k: without_nan(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [_without_nan(v) for v in value]
+        return [without_nan(v) for v in value]
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
@@ -230,7 +242,7 @@ class Marked:
             "truth": asdict(self.truth),
             "answer": asdict(self.answer),
         }
-        return json.dumps(_without_nan(plain))
+        return json.dumps(without_nan(plain))
 
 
 def read(path: Path) -> dict[tuple[str, int], Marked]:

@@ -36,7 +36,7 @@ import unmodeled
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.marks import Answer, Marked, Truth, compare, read, table
+from blind.marks import Answer, Marked, Truth, case_numbers, compare, read, table
 from blind.yardstick_sets import ROOT, SEALED, SETS, Set, Task
 
 __all__ = ["ENGINES", "diagnosed", "run_case"]
@@ -177,15 +177,6 @@ def _commit() -> str:
     return commit.stdout.strip() + ("+" if changed.stdout.strip() else "")
 
 
-def _numbers(text: str, count: int) -> list[int]:
-    """Case numbers of "0,3,5-9"."""
-    out: list[int] = []
-    for part in text.split(","):
-        low, _, high = part.partition("-")
-        out += range(int(low), int(high or low) + 1)
-    return [n for n in out if n < count]
-
-
 def main() -> None:
     """Run an engine on a set, or compare two files of answers."""
     parser = argparse.ArgumentParser(
@@ -231,7 +222,7 @@ def main() -> None:
         cases, name = sets[asked], sets[asked].name
         numbers = cases.third() if given.third else list(range(cases.count))
         if given.cases:
-            numbers = _numbers(given.cases, cases.count)
+            numbers = case_numbers(given.cases, cases.count)
         cases.make(numbers, given.cache)
         if given.seed is not None:
             seal = hashlib.sha256((given.cache / name / "truths.json").read_bytes()).hexdigest()

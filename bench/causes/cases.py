@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from blind.imperfect.machines import TABLES
-from blind.marks import Cause, Truth, _without_nan
+from blind.marks import Cause, Truth, without_nan
 from blind.yardstick_sets import SETS as BLIND
 from blind.yardstick_sets import small
 from unmodeled import Options, Record, Sensor
@@ -56,7 +56,7 @@ class Case:
 
 def sealed(truth: Truth, salt: str) -> str:
     """SHA-256 of a truth with a salt."""
-    plain = json.dumps(_without_nan(asdict(truth)), sort_keys=True, default=list)
+    plain = json.dumps(without_nan(asdict(truth)), sort_keys=True, default=list)
     return hashlib.sha256((salt + plain).encode()).hexdigest()
 
 
@@ -97,7 +97,7 @@ def write(case: Case, folder: Path, cache: Path) -> None:
         "sha256_of_truth": sealed(truth, salt),
     }  # fmt: skip
     (folder / "case.json").write_text(json.dumps(stored, indent=1) + "\n", encoding="utf-8")
-    plain = {"salt": salt, "truth": _without_nan(asdict(truth))}
+    plain = {"salt": salt, "truth": without_nan(asdict(truth))}
     _beside(folder).write_text(json.dumps(plain, indent=1, default=list) + "\n", encoding="utf-8")
 
 

@@ -27,7 +27,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.marks import Answer, _without_nan, mark
+from blind.marks import Answer, case_numbers, mark, without_nan
 from causes.cases import SETS, truth_of, write
 from causes.page import of_tier, write_page
 
@@ -81,7 +81,7 @@ def answer_of(told: Mapping[str, Any], seconds: float) -> Answer:
         "said": told.get("said", ""), "supported": told.get("supported", ()),
         "predicted": told.get("predicted"),
     }  # fmt: skip
-    return Answer.of(_without_nan(plain))
+    return Answer.of(without_nan(plain))
 
 
 def _spent() -> float:
@@ -99,7 +99,7 @@ def _child(engine: str, folder: Path, limit: float) -> None:
     shown = os.dup(1)
     os.dup2(2, 1)  # what the engine prints is not its answer
     told = dict(run(folder, limit))
-    line = json.dumps(_without_nan({**told, "seconds": _spent() - before}), default=list) + "\n"
+    line = json.dumps(without_nan({**told, "seconds": _spent() - before}), default=list) + "\n"
     os.write(shown, line.encode())
 
 
@@ -124,15 +124,6 @@ def run_case(engine: str, folder: Path, limit: float) -> tuple[Answer, str]:
     return Answer("none", said=last[0][:300]), ""
 
 
-def _numbers(text: str, count: int) -> list[int]:
-    """Case numbers of "0,3,5-9"."""
-    out: list[int] = []
-    for part in text.split(","):
-        low, _, high = part.partition("-")
-        out += range(int(low), int(high or low) + 1)
-    return [n for n in out if n < count]
-
-
 def _commit() -> str:
     git = ["git", "-C", str(ROOT), "rev-parse", "--short=8", "HEAD"]
     return subprocess.run(git, capture_output=True, text=True, check=False).stdout.strip()
@@ -144,7 +135,7 @@ def run_set(given: argparse.Namespace) -> None:
     stored = json.loads(path.read_text("utf-8")) if path.exists() else {"rows": []}
     stored["engine"] = given.engine
     cases = SETS[given.set]()
-    numbers = _numbers(given.cases, len(cases)) if given.cases else range(len(cases))
+    numbers = case_numbers(given.cases, len(cases)) if given.cases else range(len(cases))
     known = {(r["set"], r["case"]) for r in stored["rows"]}
     with tempfile.TemporaryDirectory() as place:
         for n in numbers:
@@ -175,7 +166,7 @@ def run_set(given: argparse.Namespace) -> None:
             rows = [r for r in stored["rows"] if (r["set"], r["case"]) != same]
             stored["rows"] = sorted([*rows, row], key=lambda r: (r["set"], r["number"]))
             path.parent.mkdir(parents=True, exist_ok=True)
-            lines = ",\n".join(json.dumps(_without_nan(r), default=list) for r in stored["rows"])
+            lines = ",\n".join(json.dumps(without_nan(r), default=list) for r in stored["rows"])
             head = json.dumps(given.engine)
             path.write_text(f'{{"engine": {head}, "rows": [\n{lines}\n]}}\n', encoding="utf-8")
             told = ", ".join([*answer.named, *(" | ".join(c) for c in answer.classes)])
