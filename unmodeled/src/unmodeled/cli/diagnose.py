@@ -133,7 +133,7 @@ def run(
     )
     line.close()
     if as_json:
-        _tell_cached(report)
+        _say_cached(report)
         print_json(report.as_dict())
     else:
         say(report.text(console().width))
@@ -143,7 +143,7 @@ def run(
     _remedy(report, remedy, alone=folder is None, force=force)
 
 
-def _tell_cached(report: Report) -> None:
+def _say_cached(report: Report) -> None:
     """Say beside the answer how many runs were not made."""
     if report.cached:
         say(report.cached, err=True)
@@ -260,7 +260,7 @@ def fit(
     line = ProgressLine()
     report = fit_model(loaded.model, loaded.read(data, reading), options=options, progress=line)
     line.close()
-    _tell_cached(report)
+    _say_cached(report)
     save_text(file, report.to_json, force=force)
     if as_json:
         print_json(report.as_dict())

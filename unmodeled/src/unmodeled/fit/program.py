@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 from unmodeled.fit.coordinates import Rate
+from unmodeled.fit.methods import Method
 from unmodeled.fit.model import BETWEEN, difference_offsets
 from unmodeled.fit.tape import NAMES, TABLES, Code, Fragment, Target, Traced
 from unmodeled.fit.traces import Form, Key, Kind, System, Traces, own_trace, port_trace, traced_of
@@ -54,7 +55,7 @@ class Program:
     """Sizes of groups of states; each depends on itself and on the first group only."""
     plan: Any = None
     """The same as the extension reads it."""
-    marches: dict[int, Any] = field(default_factory=dict)
+    marches: dict[Method, Any] = field(default_factory=dict)
     """The same as generated functions, by method."""
 
 

@@ -57,7 +57,12 @@ class StoredRuns:
         key = digest_of(FORM, names, parts)
         slug = re.sub(r"[^0-9A-Za-z_.-]+", "_", model)[:40].strip("._") or "model"
         self._store = Store(Path(folder).expanduser() / f"{slug}-{key[:16]}")
-        self._told = {"form": FORM, "model": model, "names": names, "function": [*map(str, parts)]}
+        self._description = {
+            "form": FORM,
+            "model": model,
+            "names": names,
+            "function": [*map(str, parts)],
+        }
 
     def get(self, key: bytes, shape: tuple[int, int]) -> Array | None:
         """Outputs of a run, (n, ny); None: they are not stored, or were damaged."""
@@ -69,9 +74,9 @@ class StoredRuns:
 
     def put(self, key: bytes, values: Array) -> None:
         """Store the outputs of a run."""
-        if self._told:
-            self._store.put("model", self._told)
-            self._told = {}
+        if self._description:
+            self._store.put("model", self._description)
+            self._description = {}
         text = base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()
         self._store.put(key.hex(), {"values": text})
 

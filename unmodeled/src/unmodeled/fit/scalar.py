@@ -75,10 +75,9 @@ def marched(
     constants, starts
         Constants of jobs and states at the start, (..., lanes).
     """
-    key = id(method)  # methods are constants of their module
-    if key not in program.marches:
-        program.marches[key] = _generated(program, rates, method)
-    march = program.marches[key]
+    if method not in program.marches:
+        program.marches[method] = _generated(program, rates, method)
+    march = program.marches[method]
     found = []
     for lane, (t, s) in enumerate(zip(times, signals, strict=True)):
         own = constants[:, lane].tolist(), starts[:, lane].tolist()
