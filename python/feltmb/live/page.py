@@ -18,7 +18,7 @@ from feltmb.graphics.viewer.content import STRING_POINTS, describe_stage, output
 from feltmb.graphics.viewer.html_page import json_text, policy, script_of
 from feltmb.graphics.viewer.packing import pack_columns
 from feltmb.live.knobs import Bench, Knob
-from feltmb.live.pictures import first_run, greeting
+from feltmb.live.pictures import first_run, greeting, playable
 from feltmb.live.states import LONGEST
 from feltmb.mechanism import Action, describe, load_action
 from feltmb.params import names
@@ -145,6 +145,7 @@ def content_of(action: Action) -> dict[str, Any]:
     film = Film(run, action, run.time[:: max(1, len(run.time) // FRAMES)])
     reading = action.config.reading
     points = action.mechanism.point_names
+    strokes = _strokes(action)
     return {
         "archive": _core.write_description(description),
         "paths": [row["path"] for row in rows],
@@ -174,11 +175,11 @@ def content_of(action: Action) -> dict[str, Any]:
             "striker": reading.striker
             and {"point": reading.striker.point, "direction": reading.striker.direction},
         },
-        "strokes": _strokes(action),
+        "strokes": strokes,
         "coordinates": list(action.coordinates),
         "outputs": _outputs(run, action),
         **_stage(run, action, film),
-        "hello": _hello(bench, rows, known),
+        "hello": _hello(bench, greeting(bench, run), rows, known) | {"strokes": list(strokes)},
     }
 
 
@@ -234,7 +235,7 @@ def _shifts(knob: Knob, film: Film) -> Iterator[list[float]]:
 
 
 def _strokes(action: Action) -> dict[str, Any]:
-    if action.config.finger is None or action.config.motor is not None:
+    if not playable(action):
         return {}
     strokes = {name: load_stroke(name) for name in names("strokes")}
     return {n: s.as_dict() for n, s in strokes.items() if s.duration <= LONGEST}
@@ -281,10 +282,12 @@ def _stage(run: Run, action: Action, film: Film) -> dict[str, Any]:
 
 
 def _hello(
-    bench: Bench, rows: list[dict[str, Any]], known: dict[str, list[list[float]]]
+    bench: Bench,
+    found: dict[str, Any],
+    rows: list[dict[str, Any]],
+    known: dict[str, list[list[float]]],
 ) -> dict[str, Any]:
-    """Greeting of the page."""
-    found = greeting(bench)
+    """Greeting of the page, from that of the server, ``found``."""
     missing = [knob["label"] for knob in found["knobs"] if knob["name"] not in known]
     notes = [f"Only feltmb live can change: {', '.join(missing)}."] if missing else []
     return {
@@ -297,7 +300,6 @@ def _hello(
         "faults": [],
         "knobs": [knob for knob in found["knobs"] if knob["name"] in known],
         "numbers": [[row["path"], row["value"], row["unit"], row["meaning"]] for row in rows],
-        "strokes": list(_strokes(bench.action)),
         "targets": "",
         "notes": [*found["notes"], *notes],
     }

@@ -118,24 +118,27 @@ def default_shown(run: Run, action: Action) -> list[dict[str, Any]]:
     return panels[:6]
 
 
+def playable(action: Action) -> bool:
+    """Whether a finger plays the mechanism."""
+    return action.config.finger is not None and action.config.motor is None
+
+
 def first_run(action: Action) -> Run:
     """The run of which a page knows the outputs before it asks for any."""
-    playable = action.config.finger is not None and action.config.motor is None
-    playing = Playing() if playable else Playing(kind="free")
+    playing = Playing() if playable(action) else Playing(kind="free")
     return simulate(action, playing.stroke(), ledger=False, output_rate=1000.0, max_wall=20.0)
 
 
-def greeting(bench: Bench) -> dict[str, Any]:
-    """Data of a mechanism for the page."""
+def greeting(bench: Bench, run: Run | None = None) -> dict[str, Any]:
+    """Data of a mechanism for the page; ``run``: its first run, where it was made before."""
     action = bench.action
-    playable = action.config.finger is not None and action.config.motor is None
-    found = first_run(action)
+    found = first_run(action) if run is None else run
     return {
         "name": action.name,
         "about": str(action.raw.get("about", "")),
         "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
         "numbers": [[path, *rest] for path, rest in bench.numbers.items()],
-        "strokes": names("strokes") if playable else [],
+        "strokes": names("strokes") if playable(action) else [],
         "outputs": listed_outputs(found, action),
         "panels": default_shown(found, action),
         "contacts": [
