@@ -69,17 +69,6 @@ struct Machine {
                                              static_cast<Eigen::Index>(rest.q.size()));
   }
 
-  SimulationState start() const {
-    SimulationState state;
-    state.y = rest.q;
-    state.y.insert(state.y.end(), rest.q.size(), 0.0);
-    state.y.insert(state.y.end(), rest.law.begin(), rest.law.end());
-    state.y.insert(state.y.end(), rest.eta.begin(), rest.eta.end());
-    state.y.insert(state.y.end(), rest.eta.size(), 0.0);
-    state.largest_compression = rest.largest_compression;
-    return state;
-  }
-
   std::vector<Monitor> monitors() const {
     const Dynamics dynamics = located(mechanism, rest_pose());
     std::vector<Monitor> out;
@@ -98,7 +87,7 @@ struct Machine {
     if (mechanism->finger_contact >= 0) {
       options.finger_reference = finger_place(mechanism, rest_pose());
     }
-    run = simulate(mechanism, input, options, start(), monitors());
+    run = simulate(mechanism, input, options, SimulationState::of(rest), monitors());
     if (run.status != RunStatus::kDone) throw Error(run.message);
   }
 

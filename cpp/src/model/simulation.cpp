@@ -182,6 +182,17 @@ double tolerance_for(double error, const Mechanism& mechanism, Method method) {
   return std::max(rtol >= 1e-7 ? rtol : 1e-4 * error, least);
 }
 
+SimulationState SimulationState::of(const Equilibrium& rest) {
+  SimulationState state;
+  state.y = rest.q;
+  state.y.insert(state.y.end(), rest.q.size(), 0.0);
+  state.y.insert(state.y.end(), rest.law.begin(), rest.law.end());
+  state.y.insert(state.y.end(), rest.eta.begin(), rest.eta.end());
+  state.y.insert(state.y.end(), rest.eta.size(), 0.0);
+  state.largest_compression = rest.largest_compression;
+  return state;
+}
+
 void SimulationState::check(const Mechanism& mechanism, std::size_t size) const {
   if (y.size() != size) {
     throw InvalidParameter(
@@ -420,20 +431,12 @@ class Run {
  private:
   /// Input, state, memory and times to stop at of a run that begins.
   void set_start(const Input& input, const SimulationState& start) {
-    y_.assign(whole_size_, 0.0);
-    if (start.y.empty()) {
-      const Equilibrium rest = find_equilibrium(mechanism_);
-      const auto laws = y_.begin() + 2 * mechanism_->size();
-      std::copy(rest.q.begin(), rest.q.end(), y_.begin());
-      std::copy(rest.law.begin(), rest.law.end(), laws);
-      std::copy(rest.eta.begin(), rest.eta.end(), laws + mechanism_->total_law_states);
-      system_.dynamics().set_memories(rest.largest_compression);
-    } else {
-      start.check(*mechanism_, whole_size_);
-      y_ = start.y;
-      if (!start.largest_compression.empty()) {
-        system_.dynamics().set_memories(start.largest_compression);
-      }
+    const SimulationState from =
+        start.y.empty() ? SimulationState::of(find_equilibrium(mechanism_)) : start;
+    if (!start.y.empty()) start.check(*mechanism_, whole_size_);
+    y_ = from.y;
+    if (!from.largest_compression.empty()) {
+      system_.dynamics().set_memories(from.largest_compression);
     }
     system_.set_input(input);
     felt_rate_.assign(remembering_.size(), 0.0);  // at rest
@@ -608,6 +611,11 @@ class Run {
     return felt(contact);
   }
 
+  /// Rate of a felt [m/s] from which the last right-hand side leaves no doubt about its turn,
+  /// though it was taken within a Newton correction of the end of the step: the contact need not be
+  /// located again.
+  double sure_rate() const { return 1e-5 + 5.0 * options_.rtol; }
+
   /// First reversal in the last step of a law with turning points. Loops of the size of the error
   /// of the integrator are none: there the felt moves along one branch, without a loss.
   void find_turn(const Integrator& integrator, std::size_t i, Reversal& first) {
@@ -616,8 +624,7 @@ class Run {
     const ContactState& state = dynamics.contacts()[contact];
     const double end = integrator.time();
     const double begin = end - integrator.last_step();
-    const double sure_rate = 1e-5 + 5.0 * options_.rtol;  // m/s, as in find_reversal
-    const double noise = 1e-3 * options_.rtol;            // m
+    const double noise = 1e-3 * options_.rtol;  // m
     const double before = felt_rate_[i];
     if (!state.closed && std::isnan(before)) return;
     TurningPoints& turns = dynamics.turns(contact);
@@ -627,7 +634,7 @@ class Run {
         turns.size() % 2 == 1 || std::isnan(before) || (turns.empty() && after.force > remembered);
     felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
     const double way = rises ? 1.0 : -1.0;
-    if (state.closed && way * after.slope > sure_rate) return;
+    if (state.closed && way * after.slope > sure_rate()) return;
     const std::size_t one[] = {contact};
     const auto back = [&](double t) { return -way * felt_at(integrator, contact, t).slope; };
     const double last = back(end);
@@ -656,9 +663,6 @@ class Run {
     if (remembering_.empty()) return first;
     const double end = integrator.time();
     const double h = integrator.last_step();
-    // The last right-hand side was taken within a Newton correction of the end of the step: where
-    // it leaves no doubt about the turn of a felt, the contact need not be located again.
-    const double sure_rate = 1e-5 + 5.0 * options_.rtol;          // m/s
     const double sure_compression = 1e-9 + 2e-3 * options_.rtol;  // m
     // A felt at rest trembles by rounding: below a thousandth of the tolerance nothing is new.
     const double nothing_new = 2e-7 * options_.rtol;  // m
@@ -670,8 +674,8 @@ class Run {
           after.force + (std::fabs(after.slope) + (was_open ? 0.0 : std::fabs(before))) * h;
       if (!(reach > largest()[contact] + room && reach > room)) return false;
       // A felt that closed within the step may have turned in it, too; one that opened has.
-      if (!was_open && before <= -sure_rate) return false;
-      return !(system_.dynamics().contacts()[contact].closed && after.slope > sure_rate);
+      if (!was_open && before <= -sure_rate()) return false;
+      return !(system_.dynamics().contacts()[contact].closed && after.slope > sure_rate());
     };
     turned_.clear();
     for (std::size_t i = 0; i < remembering_.size(); ++i) {

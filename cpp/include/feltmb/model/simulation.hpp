@@ -71,12 +71,17 @@ struct SimulationOptions {
   StepObserver on_step = {};  ///< none: empty
 };
 
+struct Equilibrium;
+
 /// Complete state from which a run can continue.
 struct SimulationState {
   double time = 0.0;      ///< [s] on the clock of the run that ended
   std::vector<double> y;  ///< see MechanismSystem
   /// Remembered by each contact [m], then turning points (Dynamics::memories); empty: nothing.
   std::vector<double> largest_compression;
+
+  /// At rest, at time 0.
+  static SimulationState of(const Equilibrium& rest);
 
   /// Throws InvalidParameter unless this is a possible state of `mechanism` with `size` values.
   void check(const Mechanism& mechanism, std::size_t size) const;
