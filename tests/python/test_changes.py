@@ -226,7 +226,7 @@ time = np.arange(200) * 0.01
 records = []
 for name, role, size in (("soft", "fit", 2.0), ("hard", "held_out", 4.0)):
     force = size * (np.sin(5.0 * time) + np.sin(11.0 * time))
-    run = model._function(time, {"force": force}, {"mass": 2.04, "dry_friction": 0.5})
+    run = model.function(time, {"force": force}, {"mass": 2.04, "dry_friction": 0.5})
     noise = 1e-4 * np.random.default_rng(len(records)).standard_normal(time.size)
     records.append(
         Record(

@@ -207,6 +207,31 @@ def python_faults(root: Path) -> Iterator[str]:
                 yield from check_use(package, path, user, name[1] if inside else "__init__")
 
 
+def private_faults(root: Path) -> Iterator[str]:
+    """Private attributes and names that are used in another file than that which binds them.
+
+    Methods of a class may use those of its base class, on ``self`` and its copy ``out``.
+    """
+    for folder in PACKAGES.values():
+        for file in sorted((root / folder).rglob("*.py")):
+            path, bound, used = file.relative_to(root), set(), []
+            for node in ast.walk(parsed(file)):
+                if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                    bound.add(node.name)
+                elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                    bound.add(node.id)
+                elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+                    bound.add(node.attr)
+                elif isinstance(node, ast.Attribute):
+                    used.append((ast.unparse(node.value), node.attr, node.lineno))
+                elif isinstance(node, ast.ImportFrom):
+                    used += [(node.module, alias.name, node.lineno) for alias in node.names]
+            for owner, name, line in used:
+                private = re.fullmatch("_[a-z]\\w*", name) and name != "_core"
+                if private and name not in bound and owner not in ("self", "out", "sys", "_core"):
+                    yield f"{path}:{line}: {owner}.{name} is private to another file"
+
+
 def is_part(package: Path, name: str) -> bool:
     return (package / name).is_dir() or (package / f"{name}.py").exists()
 
@@ -304,6 +329,17 @@ def test_circle_is_found(tmp_path):
         graphlib.TopologicalSorter(imports_of_modules(package)).prepare()
 
 
+def test_private_name_is_found(tmp_path):
+    package = tmp_path / PACKAGES["feltmb"]
+    package.mkdir(parents=True)
+    (package / "a.py").write_text("from feltmb.b import _c\nx = _c()\nself._d = 1\nself._e(_d)")
+    (package / "b.py").write_text("def _c(y):\n    return y._e")
+    assert list(private_faults(tmp_path)) == [
+        "python/feltmb/a.py:1: feltmb.b._c is private to another file",
+        "python/feltmb/b.py:2: y._e is private to another file",
+    ]
+
+
 def none(faults: Iterator[str]) -> None:
     found = list(dict.fromkeys(faults))
     assert not found, "\n".join(["", *found])
@@ -315,6 +351,10 @@ def test_cpp_includes_point_one_way():
 
 def test_python_imports_point_one_way():
     none(python_faults(ROOT))
+
+
+def test_no_private_name_of_another_file():
+    none(private_faults(ROOT))
 
 
 def test_no_machine_path_no_package_host_and_no_replaced_word():

@@ -280,7 +280,7 @@ def with_finger(action: Action, height: float = 0.0) -> Action:
         lead["body"] = lead.get("body") or finger.body
     raw["finger"] |= {"body": _FINGER, "point": place(-ARM)}
     played = Action(raw, action.origin)
-    return played.with_laws(action._laws) if action._laws else played
+    return played.with_laws(action.laws) if action.laws else played
 
 
 #: The hand above the finger: stiff, and without a rebound.

@@ -81,7 +81,8 @@ class Action:
         except InvalidParameter as error:
             raise InvalidParameter(f"{origin}: {error}") from None
         self.origin = origin
-        self._laws: dict[str, Law] = {}
+        #: Laws of :meth:`with_laws` by contact.
+        self.laws: dict[str, Law] = {}
         self._bare: dict[str, BareChange] = {}
         self.config, self.mechanism = validate(self._raw, origin)
 
@@ -168,9 +169,9 @@ class Action:
         return (Action, (self._raw, self.origin))
 
     def _refuse_laws(self, what: str) -> None:
-        if self._laws:
+        if self.laws:
             raise InvalidParameter(
-                f"{self.name}: contacts {', '.join(self._laws)} follow laws of with_laws, which "
+                f"{self.name}: contacts {', '.join(self.laws)} follow laws of with_laws, which "
                 f"cannot be {what}; expected a mechanism whose laws are in its file"
             )
 
@@ -229,7 +230,7 @@ class Action:
             for table in _LATER_LAWS:
                 if getattr(contact, table) == type(contact).model_fields[table].default:
                     del tables["contacts"][key][table]
-        for key, own in self._laws.items():
+        for key, own in self.laws.items():
             tables["contacts"][key]["law"] = f"{own.name} {own.core.fields}"
         text = json.dumps(_without_texts(tables), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
@@ -285,7 +286,7 @@ class Action:
             apply_values(self._raw, values, "with_values"), self.origin
         )
         changed._bare = bare_changes(self._raw, self.config, changed.config, values, self._bare)
-        return changed.with_laws(self._laws) if self._laws else changed
+        return changed.with_laws(self.laws) if self.laws else changed
 
     def with_laws(self, laws: Mapping[str, Law]) -> Action:
         """Copy with contact laws that a file cannot contain, such as a compiled function.
@@ -302,7 +303,7 @@ class Action:
         InvalidParameter
             A contact does not exist, or a value is not a law.
         """
-        given = {**self._laws, **laws}
+        given = {**self.laws, **laws}
         for key, own in given.items():
             if key not in self.config.contacts:
                 known = ", ".join(self.config.contacts)
@@ -311,7 +312,7 @@ class Action:
                 raise InvalidParameter(f"with_laws: {key}: got {shown(own)}, expected a law")
         changed = Action.__new__(Action)
         changed._raw, changed.origin, changed.config = self._raw, self.origin, self.config
-        changed._laws, changed._bare = given, self._bare
+        changed.laws, changed._bare = given, self._bare
         changed.mechanism = changed._assembled()
         return changed
 
@@ -320,7 +321,7 @@ class Action:
         description = describe(self.config)
         contacts = description.contacts
         for contact in contacts:
-            own = self._laws.get(f"{contact.number:02d}")
+            own = self.laws.get(f"{contact.number:02d}")
             if own is not None:
                 contact.law = own.core
         description.contacts = contacts
@@ -338,16 +339,16 @@ class Action:
                 if old in layers or (layers and table == "surfaces" and old.radius != new.radius):
                     return None  # a layer may take its radii from the surfaces
                 config = config.model_copy(update={table: {**getattr(config, table), key: new}})
-            mechanism = _core.assemble(describe(config, dict(self._described)))
+            mechanism = _core.assemble(describe(config, dict(self.described)))
         except (ValidationError, InvalidParameter, ValueError, TypeError, KeyError):
             return None  # the complete check reports the fault
         changed = Action.__new__(Action)
-        changed._raw, changed.origin, changed._laws, changed._bare = raw, self.origin, {}, {}
+        changed._raw, changed.origin, changed.laws, changed._bare = raw, self.origin, {}, {}
         changed.config, changed.mechanism = config, mechanism
         return changed
 
     @cached_property
-    def _described(self) -> dict[int, tuple[Any, Any]]:
+    def described(self) -> dict[int, tuple[Any, Any]]:
         """Parts of the description, by the part of the file from which they were made."""
         known: dict[int, tuple[Any, Any]] = {}
         describe(self.config, known)
@@ -359,24 +360,25 @@ class Action:
 
         text = tomlkit.dumps(self._raw)
         lines = [
-            f"# contact {key} followed {own.name!r} instead\n" for key, own in self._laws.items()
+            f"# contact {key} followed {own.name!r} instead\n" for key, own in self.laws.items()
         ]
         return "".join(lines) + text
 
     @cached_property
-    def _equilibrium(self) -> dict[str, Any]:
+    def equilibrium(self) -> dict[str, Any]:
+        """Rest under gravity: coordinates ``q``, states, iterations, residual."""
         return dict(_core.find_equilibrium(self.mechanism))
 
     @property
     def rest_pose(self) -> npt.NDArray[np.float64]:
         """Coordinates at rest under gravity [rad, m], computed by an equilibrium solve."""
-        pose: npt.NDArray[np.float64] = self._equilibrium["q"].copy()
+        pose: npt.NDArray[np.float64] = self.equilibrium["q"].copy()
         return pose
 
     @property
     def rest_iterations(self) -> int:
         """Number of iterations of the equilibrium solve."""
-        return int(self._equilibrium["iterations"])
+        return int(self.equilibrium["iterations"])
 
     def quantities(self) -> Iterator[tuple[str, Any, str, str]]:
         """Every number of the file: dotted path, value, unit, and source or status."""

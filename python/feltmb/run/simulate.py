@@ -65,12 +65,14 @@ class Evaluation:
         velocity terms (thesis eq. 4.6) [N m, N].
     acceleration : ndarray (n,)
         qdd [rad/s^2, m/s^2].
+    rows : tuple of tuples
+        Contact number and the columns of ``contacts``.
     """
 
     mass_matrix: Array
     force: Array
     acceleration: Array
-    _rows: tuple[tuple[float, ...], ...]
+    rows: tuple[tuple[float, ...], ...]
 
     @cached_property
     def contacts(self) -> pd.DataFrame:
@@ -84,9 +86,9 @@ class Evaluation:
         import pandas as pd
 
         frame = pd.DataFrame(
-            [row[1:] for row in self._rows],
+            [row[1:] for row in self.rows],
             columns=list(_CONTACT_COLUMNS),
-            index=pd.Index([int(row[0]) for row in self._rows], name="contact"),
+            index=pd.Index([int(row[0]) for row in self.rows], name="contact"),
         )
         return frame.sort_index()
 
@@ -278,7 +280,7 @@ def _start_state(
     modes = action.mechanism.total_modes
     size = 2 * (n + modes) + action.mechanism.total_law_states
     if start is None or isinstance(start, Mapping):
-        rest = action._equilibrium
+        rest = action.equilibrium
         y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
         for index, value in initial_values(action, start or {}).items():
             y[index] = value
@@ -295,7 +297,7 @@ def _start_state(
             f"{', '.join(action.coordinates)}"
         )
     # Turning points of laws that have them follow, in pairs.
-    rest_memory = action._equilibrium["largest_compression"]
+    rest_memory = action.equilibrium["largest_compression"]
     if memory.size < len(rest_memory) or (memory.size - len(rest_memory)) % 2:
         raise InvalidParameter(
             f"start: the run ends with {memory.size} remembered compressions, expected one a "
@@ -445,7 +447,7 @@ def to_run(
         reached=result.reached,
         limiting_states=dict(result.limiting_states[:10]),
         limiting_contacts=dict(result.limiting_contacts[:10]),
-        rest_iterations=action._equilibrium["iterations"],
+        rest_iterations=action.equilibrium["iterations"],
     )
     states = result.states
     laws = action.mechanism.total_law_states

@@ -179,7 +179,7 @@ def test_at_rest_string_and_felts_are_springs_in_series(damped, case, gravity, r
         | {"gravity": [gravity, 0.0], "springs.damper_spring.rest_angle": f"{side * rest} m",
            "start_pose": {"hammer.x": -1e-4, "damper.x": -1e-4}}
     )  # fmt: skip
-    found = action._equilibrium
+    found = action.equilibrium
     witness = Witness(**own, gravity=gravity, rest=rest)
     zero, still = np.zeros(2), np.zeros(MODES)
 

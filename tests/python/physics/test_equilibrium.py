@@ -35,7 +35,7 @@ def test_no_force_at_rest(action, members):
     point = feltmb.evaluate(action, action.rest_pose, np.zeros(len(action.coordinates)))
     scale = np.array(action.mechanism.coordinate_scale)
     assert np.max(np.abs(point.force) * scale) < 1e-12
-    assert action._equilibrium["residual"] < 1e-12
+    assert action.equilibrium["residual"] < 1e-12
 
 
 def test_independent_minimization(action):

@@ -894,7 +894,7 @@ def forte_states(action, count):
     options.duration = 0.125
     options.rtol = 1e-7
     options.output_rate = 8_000.0
-    rest = action._equilibrium
+    rest = action.equilibrium
     modes = action.mechanism.total_modes
     n = len(action.coordinates)
     y = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])

@@ -38,7 +38,7 @@ def sampled_states(action, stroke, rate, duration=None):
     options.ledger = options.events = False
     options.finger_reference = 0.0  # as in rhs and jacobian_check: motion counts from y = 0
     n, modes = len(action.coordinates), action.mechanism.total_modes
-    rest = action._equilibrium
+    rest = action.equilibrium
     start = np.concatenate([rest["q"], np.zeros(n), rest["law"], rest["eta"], np.zeros(modes)])
     return _core.simulate(
         action.mechanism,

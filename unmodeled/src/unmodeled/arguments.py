@@ -47,19 +47,26 @@ def checked(target: T) -> T:
     parameter is not, or its annotation is ``AnyNumber``. An ``int`` must not be negative. The value
     of an ``Array`` is converted to an array. The call raises
     :class:`~unmodeled.errors.InvalidParameter` with function, argument, value and expectation; a
-    missing or unknown argument raises Python's ``TypeError``.
+    missing or unknown argument raises Python's ``TypeError``. Methods of a class that are marked by
+    :func:`unchecked` are left as they are.
     """
     if not isinstance(target, type):
         wrapped: T = _wrapped(target)
         return wrapped
     for name, member in list(vars(target).items()):
-        if name.startswith("_") and name != "__init__":
+        if (name.startswith("_") and name != "__init__") or hasattr(member, "__unchecked__"):
             continue
         if inspect.isfunction(member):
             setattr(target, name, _wrapped(member))
         elif isinstance(member, (classmethod, staticmethod)):
             setattr(target, name, type(member)(_wrapped(member.__func__)))
     return target
+
+
+def unchecked(method: T) -> T:
+    """Mark a method that is called at each step: its arguments are not checked."""
+    method.__unchecked__ = True  # type: ignore[attr-defined]
+    return method
 
 
 def _wrapped(function: Any) -> Any:

@@ -223,7 +223,7 @@ def _loaded(folder: Path, stored: Mapping[str, Any], given: str) -> LoadedModel:
     loaded = load_model(name, **(arguments if kind == "load_model" else {}))
     if kind == "Simulator" and isinstance(loaded.model, Simulator):
         return replace(
-            loaded, model=Simulator(loaded.model._function, parameters=parameters, **arguments)
+            loaded, model=Simulator(loaded.model.function, parameters=parameters, **arguments)
         )
     return loaded
 

@@ -58,7 +58,7 @@ def test_bouc_wen_follows_its_own_slopes(ratio, widens):
     """Loading has the slope 1 - (beta + gamma) |z|, unloading 1 + (beta - gamma) |z|."""
     part = SimpleNamespace(
         name="mass", unit="N", travel_unit="m",
-        _motion=lambda x: (x["q"], x["v"]), _push=lambda f, *_: {"v": f},
+        motion=lambda x: (x["q"], x["v"]), push=lambda f, *_: {"v": f},
     )  # fmt: skip
     effect = bouc_wen(part, scale=1.0, travel=1e-3)
     beta = 400.0

@@ -60,7 +60,7 @@ class Bench:
 
             self.counts["rest poses"] += 1
             pose = action.rest_pose
-            table = evaluate(action, pose, np.zeros_like(pose))._rows
+            table = evaluate(action, pose, np.zeros_like(pose)).rows
             self._rests[action.hash] = {int(r[0]): (-float(r[1]), float(r[3])) for r in table}
         return self._rests[action.hash]
 

@@ -55,7 +55,7 @@ def _can_shift(action: Action, parameter: Parameter) -> bool:
 def _nodes(action: Action, parameter: Parameter) -> list[tuple[Any, float, float]]:
     """Mechanisms, shifts and weights of a finite difference of second order."""
     h = _shift(parameter)
-    known = dict(action._described)  # parts of shifted values are not cached
+    known = dict(action.described)  # parts of shifted values are not cached
 
     def at(shift: float) -> Any:
         value = parameter.value + shift

@@ -18,7 +18,7 @@ from unmodeled.chain.splines import Spline
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter, shown
 from unmodeled.fit.calling import calling
-from unmodeled.fit.coordinates import Named, Rate
+from unmodeled.fit.coordinates import Named, Rate, values_of
 from unmodeled.fit.methods import METHODS
 from unmodeled.fit.model import (
     BETWEEN,
@@ -469,9 +469,9 @@ class _Plain:
                 n: u[2 * i] + own[BETWEEN + n] * u[2 * i + 1] for i, n in enumerate(system.inputs)
             }
         return (
-            Named._of(dict(zip(system.names, x, strict=False))),
-            Named._of(held),
-            Named._of(dict(zip(system.parameters, p, strict=True))),
+            Named(dict(zip(system.names, x, strict=False))),
+            Named(held),
+            Named(dict(zip(system.parameters, p, strict=True))),
         )
 
     def rates(self, t: Array, x: Array, signals: Array) -> Array:
@@ -488,7 +488,7 @@ class _Plain:
                 names = [h.name for h in candidate.effect.hidden]
                 places = {n: first + i for i, n in enumerate(names)}
                 first += len(names)
-                seen = Named._of({**named._values, **{n: x[i] for n, i in places.items()}})
+                seen = Named({**values_of(named), **{n: x[i] for n, i in places.items()}})
                 places |= {n: i for i, n in enumerate(system.names)}
                 with calling(f"effect {candidate.name}: its rate"):
                     found = changes_of(candidate, t, seen, held, values, sizes[k], candidate.shape)

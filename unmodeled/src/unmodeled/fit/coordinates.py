@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from unmodeled.arguments import checked
+from unmodeled.arguments import checked, unchecked
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 from unmodeled.units import same_unit, spelled_unit, to_si
@@ -27,15 +27,9 @@ class Named:
 
     __slots__ = ("_values",)
 
+    @unchecked
     def __init__(self, values: Mapping[str, Any]):
         self._values = values
-
-    @classmethod
-    def _of(cls, values: Mapping[str, Any]) -> Named:
-        """The same as the constructor, without checks: for each step of an integration."""
-        out = cls.__new__(cls)
-        out._values = values
-        return out
 
     def __getitem__(self, name: str) -> Any:
         try:
@@ -54,6 +48,11 @@ class Named:
 
     def __contains__(self, name: object) -> bool:
         return name in self._values
+
+
+def values_of(named: Named) -> Mapping[str, Any]:
+    """The values of ``named`` by name; no attribute of it, because a value may have any name."""
+    return named._values
 
 
 @checked
@@ -100,13 +99,12 @@ class Coordinate:
         """The coordinates that it consists of: only itself."""
         return (self,)
 
+    @unchecked
     def motion(self, x: Named) -> tuple[Any, Any]:
         """Position and speed."""
-        return self._motion(x)
-
-    def _motion(self, x: Named) -> tuple[Any, Any]:  # without checks, for each step
         return x[self.position], x[self.speed]
 
+    @unchecked
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
         """Rates of the states that a force causes, by name of the state.
 
@@ -123,9 +121,6 @@ class Coordinate:
         p
             Parameters by name.
         """
-        return self._push(force, t, x, u, p)
-
-    def _push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
         return {self.speed: self._acceleration(force, t, x, u, p)}
 
     def _acceleration(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> Any:
@@ -179,14 +174,13 @@ class Coupling:
         """The coordinates that it consists of."""
         return self.first, self.second
 
+    @unchecked
     def motion(self, x: Named) -> tuple[Any, Any]:
         """Position and speed."""
-        return self._motion(x)
-
-    def _motion(self, x: Named) -> tuple[Any, Any]:  # without checks, for each step
-        (q, v), (r, w) = self.first._motion(x), self.second._motion(x)
+        (q, v), (r, w) = self.first.motion(x), self.second.motion(x)
         return q - self.ratio * r, v - self.ratio * w
 
+    @unchecked
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
         """Rates of the states that a force causes, by name of the state.
 
@@ -203,10 +197,7 @@ class Coupling:
         p
             Parameters by name.
         """
-        return self._push(force, t, x, u, p)
-
-    def _push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:
         return {
-            **self.first._push(force, t, x, u, p),
-            **self.second._push(-self.ratio * force, t, x, u, p),
+            **self.first.push(force, t, x, u, p),
+            **self.second.push(-self.ratio * force, t, x, u, p),
         }

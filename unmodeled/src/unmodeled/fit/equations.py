@@ -15,7 +15,7 @@ from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.batch import sensitivities, simulated
-from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate
+from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, values_of
 from unmodeled.fit.model import (
     BETWEEN,
     INTERPOLATION,
@@ -364,7 +364,7 @@ class Equations(Model):
 
         def push(port: str) -> Callable[..., Mapping[str, Any]]:
             if port in coordinates:
-                return coordinates[port]._push
+                return coordinates[port].push
             return lambda force, *_: {self._port_states[port]: force}
 
         return System(
@@ -556,7 +556,7 @@ def with_unknown(rates: Rates, neutral: Mapping[str, float]) -> Rates:
     """The rates with the unknown effects at the values without them."""
     if not neutral:
         return rates
-    return lambda t, x, u, p: rates(t, x, u, Named._of({**p._values, **neutral}))
+    return lambda t, x, u, p: rates(t, x, u, Named({**values_of(p), **neutral}))
 
 
 def by_rates(rates: Rates, effect: Effect, neutral: Mapping[str, float]) -> Effect:
@@ -565,11 +565,11 @@ def by_rates(rates: Rates, effect: Effect, neutral: Mapping[str, float]) -> Effe
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Any]:
         del shape
-        values = {**p._values, **neutral}
-        without = rates(t, x, u, Named._of(values))
+        values = {**values_of(p), **neutral}
+        without = rates(t, x, u, Named(values))
         values[name] = neutral[name] + size
-        own = rates(t, x, u, Named._of(values))
-        return {s: b - a for s, a, b in zip(x._values, without, own, strict=False)}
+        own = rates(t, x, u, Named(values))
+        return {s: b - a for s, a, b in zip(values_of(x), without, own, strict=False)}
 
     return replace(effect, rate=rate)
 
@@ -657,7 +657,7 @@ def trial(
             raise ValueError  # as below
         heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
     except Exception:  # a rate that needs other values; the first simulation reports its faults
-        return Trial(tuple(u._values))
+        return Trial(tuple(values_of(u)))
     if len(base) != len(states):
         raise InvalidParameter(
             f"the rates return {len(base)} values, expected one for each state: "
@@ -674,7 +674,7 @@ def trial(
                 if np.allclose(2.0 * other[i], base[i], rtol=EQUAL, atol=0.0) and base[i].any()
             ]
             found.append(_coordinate(q, states[i], inertias))
-    return Trial(tuple(u._values), tuple(found))
+    return Trial(tuple(values_of(u)), tuple(found))
 
 
 def _massive(parameter: Parameter) -> bool:

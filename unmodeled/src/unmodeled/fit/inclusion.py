@@ -99,13 +99,18 @@ class Including(Model):
     Its last parameters are the magnitudes of the effects.
     """
 
+    base: Model
+    """The model without the effects."""
+    included: tuple[Candidate, ...]
+    """The effects."""
+
     def __init__(self, model: Model, included: tuple[Candidate, ...], magnitudes: Array):
         if magnitudes.shape != (len(included),):
             raise InvalidParameter(
                 f"including: magnitudes has shape {magnitudes.shape}, expected {(len(included),)}"
             )
-        self._base = model
-        self._own = included
+        self.base = model
+        self.included = included
         self.name = f"{model.name} with {', '.join(t.name for t in included)}"
         self.parameters = model.parameters + tuple(
             Parameter(
@@ -133,61 +138,61 @@ class Including(Model):
     def _with(self, base: Model) -> Including:
         """The same effects, with their parameters, in another version of the original model."""
         own = self.own
-        out = Including(base, self._own, np.array([p.value for p in own]))
+        out = Including(base, self.included, np.array([p.value for p in own]))
         out.parameters = base.parameters + own
         return out
 
     @property
     def own(self) -> tuple[Parameter, ...]:
         """Parameters that are the magnitudes of the effects."""
-        return self.parameters[len(self._base.parameters) :]
+        return self.parameters[len(self.base.parameters) :]
 
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Including:
         """See :meth:`~unmodeled.fit.Model.with_parameters`."""
         names = {p.name for p in self.own}
         base = {n: p for n, p in parameters.items() if n not in names}
-        out = self._with(self._base.with_parameters(base) if base else self._base)
+        out = self._with(self.base.with_parameters(base) if base else self.base)
         out.parameters = tuple(parameters.get(p.name, p) for p in out.parameters)
         return out
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """States of the model, followed by the hidden states of all included effects."""
-        states = self._base.states((*self._own, *included))
-        mine = len(self._base.states(self._own))
+        states = self.base.states((*self.included, *included))
+        mine = len(self.base.states(self.included))
         return tuple(replace(s, hidden=False) if i < mine else s for i, s in enumerate(states))
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """The prepared model with the same effects."""
-        base = self._base.ready(records)
+        base = self.base.ready(records)
         return replace(base, model=self._with(base.model))
 
     def _by(self, means: Means) -> Including:
-        out = self._with(self._base._by(means))
+        out = self._with(self.base._by(means))
         out.parameters = self.parameters
         return out
 
     @property
     def cached(self) -> str:
         """See :attr:`~unmodeled.Model.cached`."""
-        return self._base.cached
+        return self.base.cached
 
     def accepts(self, effect: Effect) -> bool:
         """Whether the original model accepts an effect that is not yet included."""
-        return effect.name not in [t.name for t in self._own] and self._base.accepts(effect)
+        return effect.name not in [t.name for t in self.included] and self.base.accepts(effect)
 
     @property
     def text(self) -> str:
         """See :class:`~unmodeled.fit.Model`."""
-        return self._base.text
+        return self.base.text
 
     @property
     def suffixes(self) -> tuple[str, ...]:
         """See :class:`~unmodeled.fit.Model`."""
-        return self._base.suffixes
+        return self.base.suffixes
 
     def check_writing(self, path: Path) -> None:
         """Check whether the original model can be written."""
-        self._base.check_writing(path)
+        self.base.check_writing(path)
 
     def write(  # noqa: D102
         self,
@@ -201,7 +206,7 @@ class Including(Model):
     ) -> Path:
         # Written by the original model; its effects are part of the written effects.
         own = self._found(theta, included, magnitudes)
-        return self._base.write(path, *own, provenance=provenance, force=force)
+        return self.base.write(path, *own, provenance=provenance, force=force)
 
     @checked
     def numbers(
@@ -214,39 +219,39 @@ class Including(Model):
         theta, included, magnitudes
             As for :meth:`write`.
         """
-        return self._base.numbers(*self._found(theta, included, magnitudes))
+        return self.base.numbers(*self._found(theta, included, magnitudes))
 
     def _found(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[Array, tuple[Candidate, ...], Array]:
-        count = len(self._base.parameters)
+        count = len(self.base.parameters)
         sizes = np.concatenate([theta[count:], magnitudes])
-        return theta[:count], (*self._own, *included), sizes
+        return theta[:count], (*self.included, *included), sizes
 
     def events(self, record: Record, outputs: Mapping[str, Array]) -> list[tuple[str, float]]:
         """Events of the original model."""
-        return self._base.events(record, outputs)
+        return self.base.events(record, outputs)
 
     def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~unmodeled.fit.Model`."""
-        return self._base.simulate(record, self._inner(jobs))
+        return self.base.simulate(record, self._inner(jobs))
 
     def simulate_all(self, batches: Sequence[Batch]) -> list[Array]:
         """See :class:`~unmodeled.fit.Model`."""
-        return self._base.simulate_all([(record, self._inner(jobs)) for record, jobs in batches])
+        return self.base.simulate_all([(record, self._inner(jobs)) for record, jobs in batches])
 
     def motion(self, record: Record, jobs: Jobs) -> Array | None:
         """See :class:`~unmodeled.fit.Model`."""
-        return self._base.motion(record, self._inner(jobs))
+        return self.base.motion(record, self._inner(jobs))
 
     def _inner(self, jobs: Jobs) -> Jobs:
         """The jobs of the original model."""
-        count = len(self._base.parameters)
+        count = len(self.base.parameters)
         sizes = [jobs.theta[:, count:], *([jobs.magnitudes] if jobs.included else [])]
         return replace(
             jobs,
             theta=jobs.theta[:, :count],
-            included=(*self._own, *jobs.included),
+            included=(*self.included, *jobs.included),
             magnitudes=np.hstack(sizes),
         )
 
@@ -254,7 +259,7 @@ class Including(Model):
         self, requests: Sequence[SensitivityRequest]
     ) -> list[Sensitivity]:
         # Derivatives of the original model; those by the included magnitudes become parameters.
-        count = len(self._base.parameters)
+        count = len(self.base.parameters)
         inner = []
         for request in requests:
             request.check(self)
@@ -262,20 +267,21 @@ class Including(Model):
                 replace(
                     request,
                     theta=request.theta[:count],
-                    included=(*self._own, *request.included),
+                    included=(*self.included, *request.included),
                     magnitudes=np.concatenate([request.theta[count:], request.sizes]),
                     by_theta=[i for i in request.parameters_of(self) if i < count],
                     shape_changes=tuple(
-                        replace(c, effect=c.effect + len(self._own)) for c in request.shape_changes
+                        replace(c, effect=c.effect + len(self.included))
+                        for c in request.shape_changes
                     ),
                 )
             )
-        found = self._base.sensitivities(inner)
+        found = self.base.sensitivities(inner)
         return [self._outer(r.parameters_of(self), s) for r, s in zip(requests, found, strict=True)]
 
     def _outer(self, wanted: tuple[int, ...], s: Sensitivity) -> Sensitivity:
         """Derivatives by the parameters of this model, from those of the original model."""
-        count, own = len(self._base.parameters), len(self._own)
+        count, own = len(self.base.parameters), len(self.included)
         base = [i for i in wanted if i < count]
         order = [base.index(i) if i < count else len(base) + i - count for i in wanted]
         by_outputs = np.concatenate([s.d_theta, s.d_magnitudes[..., :own]], axis=-1)

@@ -60,7 +60,7 @@ class MujocoModel(Simulator):
         out = super()._by(means)
         assert isinstance(out, MujocoModel)
         if means.workers is not None:
-            out.mjcf = out._function = copy.copy(self.mjcf)
+            out.mjcf = out.function = copy.copy(self.mjcf)
             out.mjcf.workers = means.workers
             out._runner = out._new_runner()
         return out

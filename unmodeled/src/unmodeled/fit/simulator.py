@@ -158,6 +158,9 @@ class Simulator(Model):
         Name in messages; default: the name of the function.
     """
 
+    function: Callable[..., Mapping[str, Any]]
+    """The simulator."""
+
     #: Parameters whose first change switches something on: they tell no noise of the function.
     _jumps: frozenset[str] = frozenset()
 
@@ -195,7 +198,7 @@ class Simulator(Model):
             raise InvalidParameter(f"model {name}: " + "; ".join(faults))
         self._open = inputs is None, outputs is None
         self._means = Means(workers)
-        self._function = function
+        self.function = function
         self._runner = self._new_runner()
         self._steps: dict[str, Step] = {}
         self._ready = False
@@ -210,7 +213,7 @@ class Simulator(Model):
         asked = _Asked({**first.outputs, **first.inputs}, first.name)
         point = _Stated(self._point([p.value for p in self.parameters]))
         with calling(f"model {self.name}: its function"), np.errstate(all="ignore"):
-            given = self._function(first.time.copy(), asked, point)
+            given = self.function(first.time.copy(), asked, point)
         if not isinstance(given, Mapping):
             raise InvalidParameter(
                 f"model {self.name}: its function returned {type(given).__name__}, expected a "
@@ -240,7 +243,7 @@ class Simulator(Model):
 
     def _new_runner(self) -> Runner:
         names = {"inputs": self.inputs, "outputs": self.outputs, "parameters": self._names}
-        return Runner(self._function, self.outputs, self.name, self._means, names)
+        return Runner(self.function, self.outputs, self.name, self._means, names)
 
     def _by(self, means: Means) -> Simulator:
         given = {k: v for k, v in vars(means).items() if v is not None}
@@ -366,7 +369,7 @@ class Simulator(Model):
         if jitter > 1e-12:
             notes.append("two runs with the same arguments differ: seed its random numbers")
         if dead:
-            known = hasattr(self._function, "notices")  # the names of a file are right
+            known = hasattr(self.function, "notices")  # the names of a file are right
             notes.append(
                 f"{', '.join(dead)} changes no output of record {record.name}"
                 f"{'' if known else ': is it misspelled in the function?'}"

@@ -13,7 +13,7 @@ import numpy as np
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.calling import explained
-from unmodeled.fit.coordinates import Named, Rate
+from unmodeled.fit.coordinates import Named, Rate, values_of
 from unmodeled.fit.model import BETWEEN, Candidate, Effect, State
 from unmodeled.fit.tape import NotTraceable, Symbol, Tape, Traced
 
@@ -160,7 +160,7 @@ def _arguments(system: System, tape: Tape) -> tuple[Symbol, Named, Named, Named]
     """Symbols of time, states, inputs and parameters."""
 
     def named(kind: str, names: Sequence[str]) -> Named:
-        return Named._of({n: tape.input((kind, n)) for n in names})
+        return Named({n: tape.input((kind, n)) for n in names})
 
     return (
         tape.input(("t",)),
@@ -208,7 +208,7 @@ def _effect(system: System, candidate: Candidate, symbols: bool) -> Traced | Not
                 parts[i] = tape.input(("shape", k))
             shape = tuple(parts) if isinstance(shape, tuple) else parts[0]
         hidden = {h.name: tape.input(("x", h.name)) for h in candidate.effect.hidden}
-        seen = Named._of({**x._values, **hidden})
+        seen = Named({**values_of(x), **hidden})
         size = tape.input(("size",))
 
         def changes() -> dict[Any, Any]:
@@ -266,7 +266,7 @@ def changes_of(
         if name not in x:
             raise InvalidParameter(
                 f"effect {effect.name}: rate changes {name!r}, which is no state; known are "
-                f"{', '.join(x._values)}"
+                f"{', '.join(values_of(x))}"
             )
     return change
 

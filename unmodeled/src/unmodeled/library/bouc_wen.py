@@ -38,11 +38,11 @@ def bouc_wen(c: Part, *, scale: float, travel: float) -> Effect:
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         beta, ratio = shape
-        _, v = c._motion(x)
+        _, v = c.motion(x)
         z = np.clip(x["bouc_wen.stretch"], -LONGEST * travel, LONGEST * travel)
         gamma = beta * (ratio - AWAY)
         change = v - beta * np.abs(v) * z - gamma * v * np.abs(z)
-        return {**c._push(-size * z, t, x, u, p), "bouc_wen.stretch": change}
+        return {**c.push(-size * z, t, x, u, p), "bouc_wen.stretch": change}
 
     return Effect(
         name=f"Bouc-Wen hysteresis {c.name}",

@@ -38,7 +38,7 @@ def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
     """Rate of an effect with the force ``-magnitude * law(position, speed, shape)``."""
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
-        return c._push(-size * law(*c._motion(x), shape), t, x, u, p)
+        return c.push(-size * law(*c.motion(x), shape), t, x, u, p)
 
     return rate
 
@@ -133,8 +133,8 @@ def load_friction(c: Part, load: str, *, speed: float) -> Effect:
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, v0: Any) -> Mapping[str, Array]:
-        _, v = c._motion(x)
-        return c._push(-size * np.abs(u[load]) * np.tanh(v / v0), t, x, u, p)
+        _, v = c.motion(x)
+        return c.push(-size * np.abs(u[load]) * np.tanh(v / v0), t, x, u, p)
 
     return Effect(
         name=f"friction by {load} {c.name}",
@@ -317,11 +317,11 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
         b, n = shape
-        q, v = c._motion(x)
+        q, v = c.motion(x)
         deflection = (q - x["hysteresis.slip"]) / b
         force = -size * np.clip(deflection, -BEYOND, BEYOND)
         return {
-            **c._push(force, t, x, u, p),
+            **c.push(force, t, x, u, p),
             "hysteresis.slip": _slip_rate(deflection, v, n),
         }
 
@@ -365,9 +365,9 @@ def damper_clearance(c: Part, *, damping: float, travel: float) -> Effect:
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, b: Any) -> Mapping[str, Array]:
-        q, v = c._motion(x)
+        q, v = c.motion(x)
         slip = _slip_rate((q - x["clearance.slip"]) / b, v, CLEARANCE_SHARPNESS)
-        return {**c._push(size * damping * (v - slip), t, x, u, p), "clearance.slip": slip}
+        return {**c.push(size * damping * (v - slip), t, x, u, p), "clearance.slip": slip}
 
     return Effect(
         name=f"clearance of damper {c.name}",
@@ -402,8 +402,8 @@ def creep(c: Part, *, scale: float, travel: float, times: Sequence[float]) -> Ef
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, tau: Any) -> Mapping[str, Array]:
-        stretch = c._motion(x)[0] - x["creep.stretch"]
-        return {**c._push(-size * stretch, t, x, u, p), "creep.stretch": stretch / tau}
+        stretch = c.motion(x)[0] - x["creep.stretch"]
+        return {**c.push(-size * stretch, t, x, u, p), "creep.stretch": stretch / tau}
 
     return Effect(
         name=f"creep {c.name}",

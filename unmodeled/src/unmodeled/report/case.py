@@ -190,8 +190,8 @@ def _without_included(model: Model) -> tuple[Model, list[Candidate]]:
     """The model without the effects that became a part of it, and these."""
     included: list[Candidate] = []
     while isinstance(model, Including):
-        included = [*model._own, *included]
-        model = model._base
+        included = [*model.included, *included]
+        model = model.base
     return model, included
 
 
