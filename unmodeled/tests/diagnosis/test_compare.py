@@ -481,6 +481,28 @@ def test_a_delay_in_some_records_is_told():
     assert "x is 1 ms late in record late 1, late 2, and not in the others" in hint.text
 
 
+def test_a_sensor_that_lags_in_every_record_is_told():
+    t, records = np.arange(0.0, 2.0, 1e-3), []
+    for name, phase in (("one", 0.0), ("two", 1.0)):
+        wave = np.sin(9.0 * t + phase)
+        late = np.sin(9.0 * (t - 5e-3) + phase)
+        outputs = {"current": wave, "speed": late}
+        sensors = {n: Sensor(name=n, sigma=1e-3, unit="V") for n in outputs}
+        noise = np.random.default_rng(3).normal(0.0, 1e-3, (2, t.size))
+        outputs = {n: y + e for (n, y), e in zip(outputs.items(), noise, strict=True)}
+        records.append(Record(name=name, time=t, inputs={"u": wave}, sensors=sensors,
+                              outputs=outputs))  # fmt: skip
+    model = unmodeled.Simulator(
+        lambda time, inputs, parameters: {"current": inputs["u"], "speed": inputs["u"]},
+        inputs=("u",),
+        outputs={"current": "V", "speed": "V"},
+    )
+    (hint,) = check(model, records).hints
+    assert hint.text == (
+        "speed is 5 ms late in every record, and current is not: does its sensor lag, or its clock?"
+    )
+
+
 def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     record = models.records(1)[0]
     other = replace(record, outputs={"w": record.time}, sensors={"w": Sensor(name="w", unit="m")})

@@ -206,7 +206,12 @@ def test_mat_and_netcdf_hold_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("text", "sheet", "said"),
     [
-        ("t,q\n0,1\n1,2\n2,3\n", "[outputs.z]\n", "no column 'z'; there are t, q"),
+        (
+            "t,q\n0,1\n1,2\n2,3\n",
+            "[outputs.z]\n",
+            "no column 'z' (--column z=COLUMN, in Python columns of ReadOptions, says which it is); "
+            "there are t, q",
+        ),
         ("t,q\n0,1\n1,x\n2,3\n", "[outputs.q]\n", "line 3: q = 'x', expected a number"),
         (
             "t,q\n0,1\n1,2\n1,3\n",
@@ -371,7 +376,7 @@ def test_a_matrix_beside_the_series_does_not_hide_them(tmp_path):
     savemat(tmp_path / "a.mat", {**series, "image": np.zeros((20, 20)), "text": "x"})
     np.testing.assert_array_equal(read_record(tmp_path / "a.mat").outputs["q"], series["q"])
     (tmp_path / "a.toml").write_text("[outputs.image]\n")
-    with pytest.raises(DataError, match=r"no column 'image'; .* left out: image \(20 x 20\)"):
+    with pytest.raises(DataError, match=r"no column 'image' .* left out: image \(20 x 20\)"):
         read_record(tmp_path / "a.mat")
 
 

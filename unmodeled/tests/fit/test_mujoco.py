@@ -194,8 +194,16 @@ def test_files_outside_the_folder_of_the_model_are_told(tmp_path):
     assert "part.xml" in told
 
 
+@pytest.fixture
+def interruptible():
+    """Ctrl-C raises, also where a shell started the tests in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_ctrl_c_ends_a_run_of_many_steps(tmp_path):
+def test_ctrl_c_ends_a_run_of_many_steps(tmp_path, interruptible):
     path = tmp_path / "model.xml"
     path.write_text(BOX.format("<option timestep='1e-8'/>", ""))
     model = unmodeled.mujoco(path)

@@ -413,7 +413,12 @@ def _series(
     key = columns.find(spec.column or name)
     shown = shortened(spec.column or name)
     if not key:
-        faults.append(f"no column {shown!r}; there are {columns}")
+        which = (
+            ""
+            if spec.column
+            else f" (--column {shown}=COLUMN, in Python columns of ReadOptions, says which it is)"
+        )
+        faults.append(f"no column {shown!r}{which}; there are {columns}")
         return empty
     unit = unit_of_column(columns, key, spec.unit)
     scale, down = 1.0, bool(spec.down)

@@ -741,12 +741,13 @@ def _delays(rows: Sequence[Compared]) -> list[Hint]:
     on_time = [r for r in rows if r not in late and r.rms <= SAME * min(o.rms for o in late)]
     if len(on_time) + len(late) < len(rows):
         return []
-    where = ", ".join(dict.fromkeys(r.record for r in late))
-    return [
-        Hint(
-            "delay",
-            names,
-            f"{', '.join(names)} is {text} in record {where}, and not in the others: was this "
-            "sensor or its clock different there?",
+    where = dict.fromkeys(r.record for r in late)
+    if set(where) == {r.record for r in rows}:
+        others = ", ".join(dict.fromkeys(r.channel for r in on_time))
+        told = f"in every record, and {others} is not: does its sensor lag, or its clock?"
+    else:
+        told = (
+            f"in record {', '.join(where)}, and not in the others: was this sensor or its clock "
+            "different there?"
         )
-    ]
+    return [Hint("delay", names, f"{', '.join(names)} is {text} {told}")]

@@ -55,6 +55,8 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     "A": _prefixed("A"),
     "W/A": _prefixed("V"),
     "V/A": _prefixed("ohm"),
+    "V s/A": _prefixed("H", "munµ"),
+    "A s/V": _prefixed("F", "munµ"),
     "V s/m^2": _prefixed("T"),
     # Differences of temperature; the zeros are in TEMPERATURE_SCALES.
     "K": {"mK": 1e-3, "degC": 1.0, "degF": 1.0 / 1.8},
@@ -284,7 +286,7 @@ text_readers.append(si_value)
 _USUAL = (
     *("1", "m", "kg", "s", "rad", "1/s", "Hz", "N", "Pa", "J", "m^2", "m^3", "m/s", "m/s^2"),
     *("rad/s", "rad/s^2", "N/m", "N s/m", "N m/rad", "N m s/rad", "kg m^2", "m^3/s", "kg/s"),
-    *("kg/m^3", "N m", "Pa s", "A", "V", "W", "ohm", "T", "K", "mol", "J/K", "W/K"),
+    *("kg/m^3", "N m", "Pa s", "A", "V", "W", "ohm", "H", "F", "T", "K", "mol", "J/K", "W/K"),
 )
 
 
