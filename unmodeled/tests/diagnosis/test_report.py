@@ -190,6 +190,9 @@ def test_the_first_sentence_has_two_changes_and_the_number_of_the_rest(report):
     assert "The c2" in many.summary()
     assert "the c1" in many.summary()
     assert "and 3 more changes are in the list: with all 5, the residual" in many.summary()
+    for count, words in ((2, "2 more changes are"), (1, "1 more change is")):
+        fewer = replace(many, changed=many.changed[:count]).summary()
+        assert f"and {words} in the list: with all {2 + count}, the residual" in fewer
 
 
 def test_the_list_is_sorted_and_has_what_matters_only(report):
