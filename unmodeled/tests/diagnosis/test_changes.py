@@ -113,6 +113,7 @@ def test_all_changes_of_an_answer_leave_the_same():
     model, records = machine(b=1.2)
     constant = Effect(name="more", component="c", regressor=lambda r, _: np.ones(r.time.size))
     records = [replace(r, outputs={"y": r.outputs["y"] + 0.3}) for r in records]
-    report = diagnose(model, [constant], records, hold_out=["r3"])
+    nothing = Effect(name="nothing", component="c", regressor=lambda r, _: np.cos(40.0 * r.time))
+    report = diagnose(model, [nothing, constant], records, hold_out=["r3"])
     assert {c.name: c.tier for c in report.changes} == {"more": "named", "b": "fitted"}
     assert len({(c.channel, c.held_out, c.after) for c in report.changes}) == 1
