@@ -19,7 +19,7 @@ from feltmb.mechanism import Action, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.files import is_folder, read_input, read_json, write_file, write_text
-from unmodeled.report.words import turns_of_a_screw
+from unmodeled.report.words import turn_back, turned
 from unmodeled.units import readable_unit
 
 if TYPE_CHECKING:
@@ -271,7 +271,8 @@ class _Cause:
     def work(self) -> str:
         """What to do about it."""
         if self.turns is not None:
-            return f"Turn the {self.component} by {self.turns[0]} {self.turns[2]}."
+            back = turn_back(f"the {self.component}", self.turns)
+            return f"{back[:1].upper()}{back[1:]}."
         return self.remedy or f"Check the {self.component}."
 
     @cached_property
@@ -300,9 +301,8 @@ def _cause(row: Mapping[str, Any], library: Mapping[str, Entry]) -> _Cause:
     entry, turns, shape = library.get(row["name"]), None, row.get("shape")
     off = f"{row['title']} is off" if row["tier"] == "fitted" else ""
     if (unit := row.get("user_unit")) is not None and unit["unit"] == "turn":
-        ends = (unit["per_unit"] * row.get(end, row["size"]) for end in ("size", "low", "high"))
-        down = unit["per_unit"] * row["size"] < 0.0
-        turns = turns_of_a_screw(*ends), unit["words"][down], unit["words"][not down]
+        size, low, high = (float(row.get(end, row["size"])) for end in ("size", "low", "high"))
+        turns = turned(size, low, high, unit["per_unit"], unit["words"])
     return _Cause(
         entry,
         str(row["component"] or (entry.component if entry else row["name"])),

@@ -10,7 +10,7 @@ import re
 import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -33,7 +33,7 @@ from unmodeled.data.series import Columns
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.experiment import Belief
 from unmodeled.fit import Effect
-from unmodeled.report.words import percent
+from unmodeled.report.words import clause, percent
 from unmodeled.search.result import Change
 from unmodeled.style import reader_unit
 
@@ -413,10 +413,11 @@ def _how(c: Change, equivalents: int) -> str:
 
 
 def _text(c: Change) -> str:
-    """What is changed and what that takes away."""
+    """What is different, what that takes away, and what to do."""
     takes = f"takes away {percent(c.takes)} of the motion of {c.channel}" if c.channel else ""
-    parts = (c.mechanism.rstrip(".") or c.title, takes, c.remedy.rstrip("."))
-    return ". ".join(filter(None, parts))
+    words = clause(replace(c, equivalents=()))
+    parts = (f"{words[:1].upper()}{words[1:]}", c.mechanism, takes, c.remedy)
+    return ". ".join(part.rstrip(".") for part in parts if part)
 
 
 def _row(bench: Bench, name: str, unit: str, how: str, text: str) -> dict[str, Any]:

@@ -64,7 +64,7 @@ def test_a_parameter_that_changed_is_the_answer(tmp_path):
     assert page.bodies == ("key",)
     plain = page.found.replace("\N{NO-BREAK SPACE}", " ")
     assert plain == "The capstan is off (-0.66 mm, 0.943 turns down)."
-    assert page.work == ("Turn the capstan by 0.943 turns up.",)
+    assert page.work == ("Turn the capstan 0.943 turns up.",)
     path = "surfaces.Kp2.point.y"
     height = [a.value(path).value for a in (page.after, page.before)]
     assert height[1] - height[0] == pytest.approx(-6.6e-4)
@@ -128,7 +128,7 @@ def test_a_screw_of_the_frame_has_a_ring(tmp_path):
     page = customer_page(result(tmp_path, button, verdict="CALIBRATED"), "steinway45")
     assert page.bodies == ("ground",)
     assert len(page.points) == 1  # contact of the jack with the button
-    assert page.work == ("Turn the let-off button by half a turn up.",)
+    assert page.work == ("Turn the let-off button half a turn up.",)
 
 
 def test_dollar_signs_are_no_mathematics(tmp_path):

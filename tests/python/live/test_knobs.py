@@ -106,7 +106,9 @@ def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
     assert (first["how"], first["magnitude"]) == ("outside its tolerance", 8e-4)
     assert "takes away 28 % of the motion of tip" in first["text"]
     assert "let-off" in page["answer"]
-    assert page["statement"].startswith("Change the let-off button by +0.80 mm (+0.70 to +0.90)")
+    assert page["statement"].startswith(
+        "The let-off button differs from the model by +0.80 mm (+0.70 to +0.90)"
+    )
     # Its knob changes the tabulated value, so that the change is told.
     assert second["knob"] == "felt.06"
     assert second["text"].endswith("Needle it")

@@ -1,5 +1,7 @@
 """The fewest parameters that explain a fit, and what is left without a change."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -104,3 +106,14 @@ def test_a_cause_that_takes_nothing_away_is_not_listed():
     slope = Effect(name="more", component="c", regressor=lambda r, _: r.inputs["u"] ** 4)
     report = diagnose(model, [slope], records, hold_out=["r3"])
     assert [c.name for c in report.changes] == ["b"]
+
+
+def test_all_changes_of_an_answer_leave_the_same():
+    """A cause and a parameter are both taken out of one fit, which has all changes and no other."""
+    model, records = machine(b=1.2)
+    constant = Effect(name="more", component="c", regressor=lambda r, _: np.ones(r.time.size))
+    records = [replace(r, outputs={"y": r.outputs["y"] + 0.3}) for r in records]
+    nothing = Effect(name="nothing", component="c", regressor=lambda r, _: np.cos(40.0 * r.time))
+    report = diagnose(model, [nothing, constant], records, hold_out=["r3"])
+    assert {c.name: c.tier for c in report.changes} == {"more": "named", "b": "fitted"}
+    assert len({(c.channel, c.held_out, c.after) for c in report.changes}) == 1

@@ -131,7 +131,7 @@ def test_columns_are_inputs_of_a_model_that_names_none(tmp_path, capsys):
     capsys.readouterr()
     assert run("diagnose", tmp_path / "spring.py", *files, "--hold-out", files[2]) == 0
     shown = " ".join(capsys.readouterr().out.split())
-    assert "Change the parameter k from 100 to 103.9" in shown or "to 104.0" in shown
+    assert "The parameter k is 103.9" in shown or "k is 104.0" in shown
     assert "column state is left out: its unit foo is not known" in shown
     assert "column sparse is left out: 266 of 300 values are missing" in shown
 

@@ -93,21 +93,21 @@ def report():
 
 
 TEXT = """\
-Add dry friction of 0.0213 N m (0.0195 to 0.0231) to the arm joint, and either
-correct the delay of sensor angle by 2.10 ms (1.50 to 2.70) or change the
-parameter J from 0.02 to 0.02500 kg m^2 (0.02400 to 0.02600): together they
-reduce the residual of angle from 20 % to 2.2 % of its motion. The rest matters:
+The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231), and either the
+delay of sensor angle is off by 2.10 ms (1.50 to 2.70) or the parameter J is
+0.02500 kg m^2 (0.02400 to 0.02600) instead of 0.02: with both, the residual of
+angle falls from 20 % to 2.2 % of its motion in all records. The rest matters:
 2.2 % of angle, 11 times the noise; 1 % would be good enough.
 
 Changes
 The search ended at its limit of time, or was interrupted.
-- Add dry friction of 0.0213 N m (0.0195 to 0.0231) to the arm joint; 98 % sure;
-  without it, 8.4 % of the motion of angle is left instead of 2.4 % (held-out
-  records); in each record 0.0211, 0.0216; threshold speed [rad/s] 0.01. A
-  constant torque acts against the motion.
-- Either correct the delay of sensor angle by 2.10 ms (1.50 to 2.70) or change
-  the parameter J from 0.02 to 0.02500 kg m^2 (0.02400 to 0.02600); without it,
-  4 % of the motion of angle is left instead of 2.2 %
+- The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231); 98 % sure; in
+  held-out records, 2.4 % of the motion of angle is left, and 8.4 % without it;
+  in each record 0.0211, 0.0216; threshold speed [rad/s] 0.01. A constant torque
+  acts against the motion.
+- Either the delay of sensor angle is off by 2.10 ms (1.50 to 2.70) or the
+  parameter J is 0.02500 kg m^2 (0.02400 to 0.02600) instead of 0.02; 2.2 % of
+  the motion of angle is left, and 4 % without it
 
 Held-out records
 Where nothing was fitted, the residual shrinks by 80 % with the causes (70 to 85
@@ -179,17 +179,20 @@ def test_the_text_says_everything_in_this_order(report):
 
 
 def test_the_first_sentence_has_two_changes_and_the_number_of_the_rest(report):
-    first, *_ = report.summary().split(" of its motion.")
+    first, *_ = report.summary().split(" of its motion in all records.")
     assert "0.0213 N m (0.0195 to 0.0231)" in first
-    assert "either correct" in first
+    assert "either the delay" in first
     assert " or " in first
     assert re.findall(r"([\d.]+) %", first) == ["20", "2.2"]
     far = tuple(replace(report.parameters[0], name=f"c{k}", title=f"The c{k}") for k in range(3))
     left = tuple(Without(p.name, (0.1 + k, 0.1), (0.011, 0.05)) for k, p in enumerate(far))
     many = replace(report, changed=tuple((p,) for p in far), without=(*report.without, *left))
-    assert "the c2" in many.summary()
+    assert "The c2" in many.summary()
     assert "the c1" in many.summary()
-    assert "and make 3 more changes: together they reduce" in many.summary()
+    assert "and 3 more changes are in the list: with all 5, the residual" in many.summary()
+    for count, words in ((2, "2 more changes are"), (1, "1 more change is")):
+        fewer = replace(many, changed=many.changed[:count]).summary()
+        assert f"and {words} in the list: with all {2 + count}, the residual" in fewer
 
 
 def test_the_list_is_sorted_and_has_what_matters_only(report):
@@ -211,12 +214,13 @@ def test_the_list_is_sorted_and_has_what_matters_only(report):
     assert unsure.changes[0].tier == "supported"
     assert "whether it is the cause is not sure" in unsure.text(200)
     assert "Whether dry friction is the cause is not sure" in unsure.summary()
+    assert unsure.summary().startswith("The arm joint may have dry friction")
     assert "not sure" not in report.summary()
     zero = replace(report.named[0], low=-0.001)
     unsure = replace(unsure, named=(), supported=(zero,))
     assert "dry friction" in unsure.summary()  # the held-out records need it
     failing = tuple(replace(w, held_out=((np.inf,) * 2, (0.01,) * 2)) for w in report.without)
-    assert "without it, the simulation fails" in replace(unsure, without=failing).text(200)
+    assert "the simulation fails without it" in replace(unsure, without=failing).text(200)
     assert "dry friction" in replace(report, named=(zero,)).summary()  # so does the evidence
     less = tuple(replace(w, held_out=None, before=w.after) for w in report.without)
     assert not replace(report, without=less).changes
@@ -352,8 +356,8 @@ def test_parameters_are_changes_within_or_outside_their_tolerance(report):
     assert "within its tolerance" in found.text()
     assert "outside its tolerance" in found.text()
     assert found.summary().startswith(
-        "Change the parameter mass from 1 to 1.0170 kg (1.0150 to 1.0190), and change the felt by "
-        "-40 % (-50 to -30): together they reduce"
+        "The parameter mass is 1.0170 kg (1.0150 to 1.0190) instead of 1, and the felt differs "
+        "from the model by -40 % (-50 to -30): with both, the residual of angle falls"
     )
     assert "No cause is missing" not in found.summary()
     assert replace(found, verdict=Verdict.UNKNOWN).changes == ()  # they imitate what is not known
@@ -371,18 +375,31 @@ def test_a_size_has_the_unit_of_its_owner(report):
                            user_unit=turn)  # fmt: skip
     found = parameters_that_changed(report, (screw,))
     assert found.summary().startswith(
-        "Turn the button by half a turn down (-0.344 mm, -0.360 to -0.330): this reduces"
+        "The button is half a turn lower than in the model (-0.344 mm, -0.360 to -0.330): with this"
     )
-    assert "On the machine, turn the button by half a turn up" in found.text(200)
+    assert "On the machine, turn the button half a turn up, or correct the model." in found.text(
+        200
+    )
     odd = replace(screw, value=-2.31e-4, low=-2.33e-4, high=-2.29e-4)
-    assert "0.3300 turns down" in parameters_that_changed(report, (odd,)).summary()
+    assert "is 0.3300 turns lower than" in parameters_that_changed(report, (odd,)).summary()
+    ways = ("toward the lever", "away from it"), ("stronger", "weaker"), ("", "")
+    told = [
+        parameters_that_changed(
+            report, (replace(screw, value=3.44e-4, low=3.3e-4, high=3.6e-4,
+                             user_unit=replace(turn, words=words)),)
+        ).summary()
+        for words in ways
+    ]  # fmt: skip
+    assert "is half a turn further toward the lever than in the model" in told[0]
+    assert "is half a turn stronger than in the model" in told[1]
+    assert "is half a turn further than in the model" in told[2]
     grams = UserUnit("kg", 6.4e-3)
     head = ParameterValue("h", "The head", "1", 0.0, 0.03, 0.07, 0.06, 0.08, True, grams)
     text = parameters_that_changed(report, (head,)).summary()
-    assert text.startswith("Change the head by +7.0 % (+6.0 to +8.0; +0.448 g)")
+    assert text.startswith("The head differs from the model by +7.0 % (+6.0 to +8.0; +0.448 g)")
     either = parameters_that_changed(report, (screw, head)).summary()
-    assert either.startswith("Either turn the button by half a turn down")
-    assert "or change the head by +7.0 %" in either
+    assert either.startswith("Either the button is half a turn lower")
+    assert "or the head differs from the model by +7.0 %" in either
 
 
 def bare_report(report, verdict, **fields):

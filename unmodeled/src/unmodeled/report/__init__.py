@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -33,6 +33,8 @@ from unmodeled.report.words import (
     size_in,
     tabulated,
     times_noise,
+    turn_back,
+    turned,
 )
 from unmodeled.search.compare import simulated
 from unmodeled.search.records import same_number
@@ -120,12 +122,16 @@ def _statement(result: Result) -> str:
     elif result.changes:
         told = [clause(x) for x in result.changes[:HEADLINE]]
         rest = len(result.changes) - len(told)
-        told += [f"make {rest} more change{'s' * (rest > 1)}"] if rest else []
-        told += ["add what is not named"] if _unnamed(result) else []
-        those = "this reduces" if len(told) == 1 else "together they reduce"
-        found = f"from {before} " if math.isfinite(c.tabulated) else ""
-        first = f"{joined(told, ', and').replace(' , and', ', and')}: {those} the residual of "
-        first = f"{first[:1].upper()}{first[1:]}{c.name} {found}to {after} of its motion."
+        told += [f"{rest} more change{'s are' if rest > 1 else ' is'} in the list"] if rest else []
+        told += ["something is not named"] if _unnamed(result) else []
+        count = len(result.changes) + bool(_unnamed(result))
+        those = {1: "this", 2: "both"}.get(count, f"all {count}")
+        found = f"falls from {before} to {after}" if math.isfinite(c.tabulated) else f"is {after}"
+        first = (
+            f"{joined(told, ', and').replace(' , and', ', and')}: with {those}, the residual of "
+        )
+        everywhere = " in all records" * any(x.held_out for x in result.changes)
+        first = f"{first[:1].upper()}{first[1:]}{c.name} {found} of its motion{everywhere}."
         if unsure := joined([x.name for x in result.changes if x.tier == "supported"], "or"):
             first += f" Whether {unsure} is the cause is not sure: another law could do the same."
     elif result.named or result.classes:
@@ -220,10 +226,11 @@ def _item(c: Change) -> str:
         sure = f"{100.0 * c.probability:.0f}"
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
-        where = " (held-out records)" if c.held_out else ""
-        left = f"{percent(c.before)} of the motion of {c.channel} is left instead of "
-        left = left + percent(c.after) if math.isfinite(c.before) else "the simulation fails"
-        notes.append(f"without it, {left}{where}")
+        where = "in held-out records, " * c.held_out
+        left = f"{where}{percent(c.after)} of the motion of {c.channel} is left"
+        lost = math.isinf(c.before)
+        less = "the simulation fails without it" if lost else f"{percent(c.before)} without it"
+        notes.append(f"{left}, and {less}")
     if len(c.by_record) > 1:
         factor, _ = scale(c.low, c.high, c.unit, relative=c.relative)
         each = [number(factor * v, 0.5 * factor * (c.high - c.low)) for v in c.by_record]
@@ -351,8 +358,10 @@ def _next(result: Result) -> list[str]:
 def _repair(c: Change) -> str:
     """What to do about a parameter: on the machine the reverse, or in its table."""
     if c.user_unit is not None and c.user_unit.unit == "turn":
-        back = clause(replace(c, size=-c.size, low=-c.high, high=-c.low))
-        return f"On the machine, {back.partition(' (')[0]}, or keep the change in the model."
+        unit = c.user_unit
+        thing = c.title[:1].lower() + c.title[1:]
+        back = turn_back(thing, turned(c.size, c.low, c.high, unit.per_unit, unit.words))
+        return f"On the machine, {back}, or correct the model."
     return f"{c.title}: check it, and correct the machine or its tabulated value."
 
 

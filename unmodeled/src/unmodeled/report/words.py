@@ -1,4 +1,4 @@
-"""Numbers and clauses of the report: sizes in the units of a reader, changes as instructions."""
+"""Numbers and clauses of the report: sizes in the units of a reader, changes as differences."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from unmodeled.units import readable_unit
 #: Shares of a turn as words.
 TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters of a turn",
          1.0: "one turn"}  # fmt: skip
+#: Comparatives of directions; "stronger" is one, and others are "further in".
+FURTHER = {"up": "higher", "down": "lower", "more": "more", "less": "less", "": "further"}
 #: Largest half width of an interval with which a share of a turn is a word, and largest number of
 #: equivalents that a clause names.
 SURE, EQUIVALENTS = 0.1, 2
@@ -90,7 +92,10 @@ def joined(words: Sequence[str], last: str = "and") -> str:
 
 
 def clause(c: Change) -> str:
-    """A change as an instruction, with its size and interval; of a class, all equivalents."""
+    """What is different from the model, with its size and interval; of a class, all equivalents.
+
+    The machine, the sensor or the input is the subject: what to do about it is another sentence.
+    """
     first = _clause(c)
     if not c.equivalents:
         return first
@@ -103,44 +108,50 @@ def clause(c: Change) -> str:
 def _clause(c: Change) -> str:
     of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative)
     size = f"{of}{name} ({low} to {high})"
+    sure = c.tier != "supported"
+    be, has, differs = ("is", "has", "differs") if sure else ("may be", "may have", "may differ")
     if c.kind in ("sensor", "input"):
-        return f"correct {_with_article(c.title)} by {size}"
+        return f"{_with_article(c.title)} {be} off by {size}"
     thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:
         what = c.title.removesuffix(c.component).strip().removesuffix(" of")
-        return f"add {what} of {size} to {_with_article(c.component)}"
+        return f"{_with_article(c.component)} {has} {what} of {size}"
     thing = thing or f"the parameter {c.title}"
     if c.user_unit is not None and c.user_unit.unit == "turn":
-        return f"turn {thing} {_turns(c)} ({of}{name}, {low} to {high})"
+        turns, way, _ = turned(c.size, c.low, c.high, c.user_unit.per_unit, c.user_unit.words)
+        there = FURTHER.get(way, way if way.partition(" ")[0].endswith("er") else f"further {way}")
+        return f"{thing} {be} {turns} {there} than in the model ({of}{name}, {low} to {high})"
     if c.tabulated == 0.0 or c.relative:
         of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative, sign="+")
-        return f"change {thing} by {of}{name} ({low} to {high}{_also(c)})"
+        return f"{thing} {differs} from the model by {of}{name} ({low} to {high}{_also(c)})"
     ends = (c.tabulated + c.low, c.tabulated + c.high)
     of, name, low, high = _numbers(c.tabulated + c.size, *ends, c.unit, relative=False)
     factor, _ = scale(*ends, c.unit)
     before = number(factor * c.tabulated)
-    return f"change {thing} from {before} to {of}{name} ({low} to {high}{_also(c)})"
+    return f"{thing} {be} {of}{name} ({low} to {high}{_also(c)}) instead of {before}"
 
 
 def _with_article(name: str) -> str:
     return name if name[:4].lower() == "the " else f"the {name}"
 
 
-def _turns(c: Change) -> str:
-    """Turns of a screw, with the direction: ``by half a turn down``."""
-    assert c.user_unit is not None
-    per = c.user_unit.per_unit
-    amount = turns_of_a_screw(per * c.size, per * c.low, per * c.high)
-    return f"by {amount} {c.user_unit.words[per * c.size < 0.0]}".rstrip()
+def turned(
+    size: float, low: float, high: float, per_unit: float, words: Sequence[str]
+) -> tuple[str, str, str]:
+    """Turns of a screw, the direction in which it is off, and the way back: half a turn, down, up.
 
-
-def turns_of_a_screw(turns: float, low: float, high: float) -> str:
-    """Turns without their sign, as a word where the interval leaves only one: ``half a turn``."""
-    turns, spread = abs(turns), 0.5 * abs(high - low)
+    The turns are a word where the interval leaves only one.
+    """
+    turns, spread = abs(per_unit * size), 0.5 * abs(per_unit * (high - low))
     near = min(TURNS, key=lambda t: abs(t - turns))
-    if abs(near - turns) <= spread < SURE:
-        return TURNS[near]
-    return f"{number(turns, spread)} turns"
+    sure = abs(near - turns) <= spread < SURE
+    away = per_unit * size < 0.0
+    return TURNS[near] if sure else f"{number(turns, spread)} turns", words[away], words[not away]
+
+
+def turn_back(thing: str, turns: tuple[str, str, str]) -> str:
+    """What to do about a screw on the machine."""
+    return f"turn {thing} {f'{turns[0]} {turns[2]}'.rstrip() or 'back'}"
 
 
 def _also(c: Change) -> str:

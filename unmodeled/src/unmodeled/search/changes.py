@@ -132,7 +132,7 @@ def explain(
         for group in work.groups:
             out.append(work.alike(group, values))
             less = work.fitted(work.kept - {group[0]})
-            without += work.without([p.name for p in out[-1]], work.fitted(work.kept), less)
+            without += work.without([p.name for p in out[-1]], less)
     except (Stop, KeyboardInterrupt):
         pass
     return Explained(tuple(out), tuple(without))
@@ -157,11 +157,16 @@ class _Fits:
         ]
         self.groups = smallest(best.point.x, covariance, tested)
         self.kept = set(range(len(own))) - set(tested) | {group[0] for group in self.groups}
-        self.known: dict[frozenset[int], tuple[Problem, Fitted | None]] = {}
+        self.known: dict[tuple[frozenset[int], int | None], tuple[Problem, Fitted | None]] = {}
 
-    def fitted(self, kept: set[int]) -> tuple[Problem, Fitted | None]:
-        """The set with some of the free parameters, fitted; None: the simulation fails."""
-        key = frozenset(kept)
+    def fitted(
+        self, kept: set[int], lost: int | None = None, local: Sequence[Array] | None = None
+    ) -> tuple[Problem, Fitted | None]:
+        """The set with some of the free parameters, fitted; None: the simulation fails.
+
+        The cause ``lost`` is left out; ``local`` are starts of the unknowns of the records.
+        """
+        key = frozenset(kept), lost
         if key not in self.known:
             problem, best = self.problem, self.best
             free = [problem.model.parameters[i] for i in problem.free]
@@ -176,9 +181,15 @@ class _Fits:
             members = tuple(
                 m
                 for m in best.members
-                if (i := problem.causes[m.cause].parameter) is None or problem.free.index(i) in kept
+                if m.cause != lost
+                and (
+                    (i := problem.causes[m.cause].parameter) is None
+                    or problem.free.index(i) in kept
+                )
             )
-            point = Point(np.delete(x, zero), best.point.local)
+            gone = [k for k, u in enumerate(unknowns_of(problem, best.members))
+                    if u[0] != "parameter" and u[1] == lost]  # fmt: skip
+            point = Point(np.delete(x, [*zero, *gone]), tuple(local or best.point.local))
             (found,) = fit_sets(smaller, [Start(members, (point,))], self.check, rough=True)
             self.known[key] = smaller, found
         return self.known[key]
@@ -186,11 +197,13 @@ class _Fits:
     def without(
         self,
         names: Sequence[str],
-        whole: tuple[Problem, Fitted | None],
         less: tuple[Problem, Fitted | None],
     ) -> list[Without]:
-        """What is left without a change, under the names of it and its equivalents."""
-        (problem, full), (smaller, part) = whole, less
+        """What is left without a change, under the names of it and its equivalents.
+
+        It is compared with one fit for all changes: that of all of them, and of nothing else.
+        """
+        (problem, full), (smaller, part) = self.fitted(self.kept), less
         if full is None:
             return []
         none = (math.inf,) * len(problem.channels)
@@ -213,23 +226,17 @@ class _Fits:
             return []
         index = problem.causes[member].parameter
         if index is not None:
-            whole = self.fitted(self.kept)
             less = self.fitted(self.kept - {problem.free.index(index)})
+        elif problem.causes[member].local is not None or any(
+            e.hidden for e in problem.effects_of(best.members)
+        ):  # other unknowns of the records
+            smaller = sets.get(tuple(i for i in best.causes if i != member))
+            if smaller is None:  # no start is known
+                return []
+            less = self.fitted(self.kept, member, smaller.point.local)
         else:
-            rest = tuple(m for m in best.members if m.cause != member)
-            smaller = sets.get(tuple(m.cause for m in rest))
-            if smaller is None:
-                at = [k for k, u in enumerate(unknowns_of(problem, best.members))
-                      if u[0] != "parameter" and u[1] == member]  # fmt: skip
-                start = Point(np.delete(best.point.x, at), best.point.local)
-                local = problem.causes[member].local is not None or any(
-                    e.hidden for e in problem.effects_of(best.members)
-                )
-                if local:  # other unknowns of the records: no start is known
-                    return []
-                (smaller,) = fit_sets(problem, [Start(rest, (start,))], self.check, rough=True)
-            whole, less = (problem, best), (problem, smaller)
-        return self.without([problem.causes[i].name for i in group], whole, less)
+            less = self.fitted(self.kept, member)
+        return self.without([problem.causes[i].name for i in group], less)
 
     def alike(
         self,
