@@ -18,7 +18,14 @@ from feltmb.adapters.findings import bodies_at, points_at
 from feltmb.mechanism import Action, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.files import is_folder, read_input, read_json, write_file, write_text
+from unmodeled.files import (
+    check_suffix,
+    is_folder,
+    read_input,
+    read_json,
+    write_file,
+    write_text,
+)
 from unmodeled.report.words import turns_of_a_screw
 from unmodeled.units import readable_unit
 
@@ -209,10 +216,9 @@ class CustomerPage:
             False: an existing file is not overwritten.
         """
         path = Path(path)
-        if path.suffix.lower() in (".html", ".htm"):
+        check_suffix(path, ".pdf", ".html")
+        if path.suffix.lower() == ".html":
             return write_text(path, self.html(), force=force)
-        if path.suffix.lower() != ".pdf":
-            raise InvalidParameter(f"{path}: cannot write {path.suffix}, expected .pdf or .html")
         figure, metadata = self.figure(), {"CreationDate": None}
 
         def save(file: Path) -> None:
