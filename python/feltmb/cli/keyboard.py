@@ -121,10 +121,10 @@ def weights(
         if balance.outliers:
             show(
                 "keys that stand out",
-                ">key | note | what | >measured g | >curve g | reason",
+                ">key | note | what | >measured | >curve | unit | reason",
                 [
                     (str(o.key), balance.frame.at[o.key, "note"], o.what, f"{o.value:.1f}",
-                     f"{o.curve:.1f}", o.reason)
+                     f"{o.curve:.1f}", o.unit, o.reason)
                     for o in balance.outliers
                 ],
             )  # fmt: skip
