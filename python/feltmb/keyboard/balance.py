@@ -170,7 +170,8 @@ def analyze(
         if lacking and given is None:
             unit = "" if column.unit == "1" else f" {column.unit}"
             notes.append(
-                f"the {column.text} of {lacking} keys was not measured and is taken as {value:g}{unit}"
+                f"the {column.text} of {lacking} keys was not measured and is taken as "
+                f"{value:g}{unit}"
             )
         filled[name] = frame[name].fillna(value)
     out = frame[[]].copy()
@@ -260,8 +261,8 @@ def _outliers(keyboard: Keyboard, out: pd.DataFrame) -> Iterator[Outlier]:
             told = f"{abs(distance):.1f} {unit} {'above' if distance > 0 else 'below'} the curve"
             band_text = f"{low:.0f} to {high:.0f} gf"
             what, reason = {
-                "friction": ("friction", f"{told}, and above the usual {band_text}: ease the key bushings, "
-                             "then hammer, whippen and jack centers"),
+                "friction": ("friction", f"{told}, and above the usual {band_text}: ease the key "
+                             "bushings, then hammer, whippen and jack centers"),
                 "balance": ("balance", f"{told} of its weights: weigh again, then look for a "
                             "capstan, knuckle or lead out of place"),
                 "strike_weight": ("strike weight", f"{told}: hammer or shank differs from its "

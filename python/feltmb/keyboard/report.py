@@ -43,8 +43,8 @@ def sentences(balance: Balance) -> list[str]:
         near = int((residual.abs() <= 3.0).sum())
         out.append(
             f"The weights predict the balance: {near} of {len(residual)} keys within 3 gf, "
-            f"standard deviation {residual.std():.2f} gf. At the front of a sharp, all that the key "
-            f"lifts is {100 * (balance.sharp_factor - 1):.1f} % heavier."
+            f"standard deviation {residual.std():.2f} gf. At the front of a sharp, all that "
+            f"the key lifts is {100 * (balance.sharp_factor - 1):.1f} % heavier."
         )
     return [text for text in out if text]
 
