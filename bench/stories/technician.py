@@ -168,7 +168,7 @@ def measured(name: str, settings: Mapping[str, str]) -> Iterator[Answer]:
         rows = np.column_stack([run.time[:stop] + OFFSET, force])
         lines = [";".join(f"{v:.6f}".replace(".", ",") for v in row) for row in rows]
         Path(cell).write_text("\n".join(["Zeit [s];Last [N]", *lines]), encoding="utf-8")
-        command("new", "--record", camera, "--model", ACTION, "--frame-rate", "1000",
+        command("gap", "new", camera, "--model", ACTION, "--frame-rate", "1000",
                 "--scale", "100mm from 10 20 to 310 420", "--origin", "start",
                 "--force")  # fmt: skip
         # A tap on the key, seen by both to a millisecond. Clocks that are aligned by the motion of

@@ -18,7 +18,14 @@ from feltmb.adapters.findings import bodies_at, points_at
 from feltmb.mechanism import Action, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.files import is_folder, read_input, read_json, write_file, write_text
+from unmodeled.files import (
+    check_suffix,
+    is_folder,
+    read_input,
+    read_json,
+    write_file,
+    write_text,
+)
 from unmodeled.report.words import turn_back, turned
 from unmodeled.units import readable_unit
 
@@ -89,7 +96,53 @@ class CustomerPage:
         old, new = self.touches
         left = _aftertouch(self.after, new)
         told = math.nan if old is None else _aftertouch(self.before, old)
-        return self.found, _hand(old, new, same), _left(told, left, same)
+        return self.found, self._hand(old, new, same), self._left(told, left, same)
+
+    @property
+    def times(self) -> tuple[str, str]:
+        """Words for the action with the causes, and without them."""
+        return ("before", "after") if self.done else ("now", "after the work")
+
+    def _hand(self, before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
+        """What the hand feels, in grams."""
+
+        def weights(touch: StaticTouch) -> tuple[str, str]:
+            return f"{touch.down_weight / GRAM:.0f} g", f"{touch.up_weight / GRAM:.0f} g"
+
+        told = after if self.done or same or before is None else before
+        now = "With the damper lifted, the key goes down with {} and lifts {}".format(
+            *weights(told)
+        )
+        if same:
+            return f"{now}."
+        if before is None:
+            if self.done:
+                return f"Before the work, the key could not be played slowly. {now}."
+            return f"The key cannot be played slowly. After the work: {now[:1].lower()}{now[1:]}."
+        changes = (
+            abs(getattr(before, w) - getattr(after, w)) for w in ("down_weight", "up_weight")
+        )
+        if max(changes) < FELT * GRAM:
+            return f"{now}, {'as before' if self.done else 'and will after the work'}."
+        if self.done:
+            return "{}; before, it was {} and {}.".format(now, *weights(before))
+        return "{}; after the work, it will be {} and {}.".format(now, *weights(after))
+
+    def _left(self, before: float, after: float, same: bool) -> str:
+        """Travel of the key after the let-off [mm]."""
+        first, other = (after, before) if self.done or same else (before, after)
+        now = "The hammer does not let off before the key is at its end"
+        if first > 0.0:
+            now = f"After the let-off, the key has {first:.1f} mm of travel left"
+        if same:
+            return f"{now}."
+        words = ("before", "had", "did") if self.done else ("after the work", "will have", "will")
+        when, has, did = words
+        if other > 0.0 and first > 0.0:
+            return f"{now}; {when}, it {has} {other:.1f} mm."
+        if other > 0.0:
+            return f"{now}; {when}, the key {has} {other:.1f} mm of travel left after the let-off."
+        return f"{now}; {when}, the hammer {did} not let off."
 
     @property
     def head(self) -> str:
@@ -143,7 +196,7 @@ class CustomerPage:
 
         before, after = self.touches
         same = self.before is self.after
-        shown = ((before, RED, "before"), (after, BLUE, "after"))
+        shown = ((before, RED, self.times[0]), (after, BLUE, self.times[1]))
         most = 0.0
         for touch, color, name in shown[1:] if same else shown:
             if touch is None:
@@ -209,10 +262,9 @@ class CustomerPage:
             False: an existing file is not overwritten.
         """
         path = Path(path)
-        if path.suffix.lower() in (".html", ".htm"):
+        check_suffix(path, ".pdf", ".html")
+        if path.suffix.lower() == ".html":
             return write_text(path, self.html(), force=force)
-        if path.suffix.lower() != ".pdf":
-            raise InvalidParameter(f"{path}: cannot write {path.suffix}, expected .pdf or .html")
         figure, metadata = self.figure(), {"CreationDate": None}
 
         def save(file: Path) -> None:
@@ -463,37 +515,8 @@ def _found(groups: Sequence[Sequence[_Cause]], verdict: str) -> str:
     return " ".join(sentences)
 
 
-def _hand(before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
-    """What the hand feels, in grams."""
-    weights = [after.down_weight / GRAM, after.up_weight / GRAM]
-    now = (
-        f"With the damper lifted, the key goes down with {weights[0]:.0f} g and lifts "
-        f"{weights[1]:.0f} g"
-    )
-    if same:
-        return f"{now}."
-    if before is None:
-        return f"Before the work, the key could not be played slowly. {now}."
-    old = [before.down_weight / GRAM, before.up_weight / GRAM]
-    if max(abs(a - b) for a, b in zip(weights, old, strict=True)) < FELT:
-        return f"{now}, as before."
-    return f"{now}; before, it was {old[0]:.0f} g and {old[1]:.0f} g."
-
-
 def _aftertouch(action: Action, static: StaticTouch) -> float:
     from feltmb.run.quasistatic import simulated_press
 
     press = simulated_press(action, travel=static.end + 1.2e-3)
     return 1e3 * distances(action, static, press).aftertouch
-
-
-def _left(before: float, after: float, same: bool) -> str:
-    """Travel of the key after the let-off [mm]."""
-    now = "The hammer does not let off before the key is at its end"
-    if after > 0.0:
-        now = f"After the let-off, the key has {after:.1f} mm of travel left"
-    if same:
-        return f"{now}."
-    if not before > 0.0:  # or NaN
-        return f"{now}; before, the hammer did not let off before the key was at its end."
-    return f"{now}; before, it was {before:.1f} mm."

@@ -99,7 +99,7 @@ def load_symptoms() -> dict[str, Definition]:
 
 
 def packaged_wear() -> Wear:
-    """Table of the packaged action, as ``tools/make_symptoms.py`` computes it."""
+    """Table of the packaged action: what ``feltmb wear steinway45_leaded --screws`` writes."""
     return Wear.from_dict(read_json(params.folder("symptoms") / f"{PACKAGED}.json"))
 
 

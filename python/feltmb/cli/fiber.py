@@ -19,6 +19,7 @@ from unmodeled.cli.options import (
     FRACTION,
     NOT_NEGATIVE,
     POSITIVE,
+    SEED,
     Fields,
     FileName,
     Number,
@@ -47,8 +48,6 @@ from unmodeled.cli.screen import (
 
 if TYPE_CHECKING:
     from feltmb.fiber import Cycle, FiberBox, FiberRun
-
-SEED = option("Seed of all random draws.", count(0), 0)
 
 
 @group("fiber")

@@ -10,6 +10,7 @@ import click
 from feltmb.cli.completing import actions, packaged
 from unmodeled.cli.options import (
     FORCE,
+    SEED,
     FileName,
     Number,
     Quantity,
@@ -120,10 +121,10 @@ def weights(
         if balance.outliers:
             show(
                 "keys that stand out",
-                ">key | note | what | >measured g | >curve g | reason",
+                ">key | note | what | >measured | >curve | unit | reason",
                 [
                     (str(o.key), balance.frame.at[o.key, "note"], o.what, f"{o.value:.1f}",
-                     f"{o.curve:.1f}", o.reason)
+                     f"{o.curve:.1f}", o.unit, o.reason)
                     for o in balance.outliers
                 ],
             )  # fmt: skip
@@ -185,7 +186,6 @@ SENSOR = option(
     metavar="FILE",
     complete=packaged("sensors"),
 )
-SEED = option("Seed of the random numbers.", count(0), 0)
 CURVE = option(
     "Points of the velocity curve, SPEED=VELOCITY, such as 0.3m/s=1,7m/s=127; default: 52 + 25 "
     "log2(v), v in m/s.",

@@ -45,6 +45,7 @@ if TYPE_CHECKING:
 
 #: Millimeters of an inch.
 INCH = 25.4
+INCHES = option("Print inches beside millimeters.")
 
 # --- regulation ----------------------------------------------------------------------------------
 
@@ -65,7 +66,7 @@ def regulate(
     out: Path | None = option(
         "Write the regulated mechanism, with its provenance, to this TOML file.", FileName(".toml")
     ),
-    inch: bool = option("Print inches beside millimeters."),
+    inch: bool = INCHES,
     settings: tuple[str, ...] = SET,
     force: bool = FORCE,
     *,
@@ -165,7 +166,7 @@ def touch(
         metavar="ACTION",
         complete=actions,
     ),
-    inch: bool = option("Print inches beside millimeters."),
+    inch: bool = INCHES,
     settings: tuple[str, ...] = SET,
     force: bool = FORCE,
     *,

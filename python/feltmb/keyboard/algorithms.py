@@ -28,19 +28,15 @@ AWAY = 0.03  #: It has turned back when it is this far below its largest travel.
 def _turns(travel: Array) -> list[int]:
     """Indices of the largest travel of each strike."""
     found: list[int] = []
-    top, armed = 0, False
+    top, rising = 0, False
     for i, x in enumerate(travel):
-        if not armed:
-            # The next strike begins when the hammer rises again.
-            top = i if x < travel[top] else top
-            armed = x > travel[top] + AWAY
-            top = i if armed else top
-        elif x > travel[top]:
+        past = x - travel[top] if rising else travel[top] - x
+        if past > 0.0:
             top = i
-        elif x < travel[top] - AWAY:
-            if travel[top] > NEAR:
+        elif past < -AWAY:  # it has turned back; the next strike begins when it rises again
+            if rising and travel[top] > NEAR:
                 found.append(top)
-            top, armed = i, False
+            top, rising = i, not rising
     return found
 
 

@@ -41,8 +41,9 @@ class Outlier:
 
     key: int
     what: str  #: friction, uneven friction, balance, strike weight or spring
-    value: float  #: measured [g]
-    curve: float  #: smooth curve there [g]
+    value: float  #: measured, in its unit
+    curve: float  #: smooth curve there
+    unit: str  #: gf, of a strike weight g
     reason: str
 
 
@@ -168,7 +169,10 @@ def analyze(
         lacking = int(frame[name].isna().sum())
         if lacking and given is None:
             unit = "" if column.unit == "1" else f" {column.unit}"
-            notes.append(f"{column.text} of {lacking} keys: not measured, taken as {value:g}{unit}")
+            notes.append(
+                f"the {column.text} of {lacking} keys was not measured and is taken as "
+                f"{value:g}{unit}"
+            )
         filled[name] = frame[name].fillna(value)
     out = frame[[]].copy()
     out["note"] = [note_name(k) for k in out.index]
@@ -253,20 +257,21 @@ def _outliers(keyboard: Keyboard, out: pd.DataFrame) -> Iterator[Outlier]:
             rough = name == "friction" and value > high and distance >= MATTERS[name]
             if not (rough or abs(distance) > most):
                 continue
-            told = f"{abs(distance):.1f} g {'above' if distance > 0 else 'below'} the curve"
+            unit = "g" if name == "strike_weight" else "gf"
+            told = f"{abs(distance):.1f} {unit} {'above' if distance > 0 else 'below'} the curve"
             band_text = f"{low:.0f} to {high:.0f} gf"
             what, reason = {
-                "friction": ("friction", f"{told}, usual are {band_text}: ease the key bushings, "
-                             "then hammer, whippen and jack centers"),
+                "friction": ("friction", f"{told}, and above the usual {band_text}: ease the key "
+                             "bushings, then hammer, whippen and jack centers"),
                 "balance": ("balance", f"{told} of its weights: weigh again, then look for a "
                             "capstan, knuckle or lead out of place"),
                 "strike_weight": ("strike weight", f"{told}: hammer or shank differs from its "
                                   "neighbors"),
-                "spring": ("spring", f"takes {value:.1f} g off, {told}: weigh again, then set the "
+                "spring": ("spring", f"takes off {value:.1f} gf, {told}: weigh again, then set the "
                            "support spring"),
             }[name]  # fmt: skip
             if name == "friction" and not rough:
                 what = "uneven friction"
                 inside = "inside" if low <= value <= high else "outside"
                 reason = f"{told}, but {inside} the usual {band_text}: weigh again"
-            yield Outlier(int(key), what, value, float(curve[key]), reason)
+            yield Outlier(int(key), what, value, float(curve[key]), unit, reason)

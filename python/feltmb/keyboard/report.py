@@ -30,21 +30,21 @@ def sentences(balance: Balance) -> list[str]:
             return ""
         mean, std = f"{n['mean']:.{digits}f}", f"{n['std']:.{digits}f}"
         span = f"{n['min']:.{digits}f} to {n['max']:.{digits}f}"
-        return f"{what}: {mean} ± {std}{unit} on {n['count']:.0f} keys ({span})."
+        return f"{what} {mean} ± {std}{unit} on {n['count']:.0f} keys ({span}{unit})."
 
     out = [
-        told("balance", "Balance weight (D + U) / 2"),
-        told("friction", "Friction (D - U) / 2"),
-        told("ratio", "Strike weight ratio", 2, ""),
+        told("balance", "Of down weight D and up weight U, the balance weight (D + U) / 2 is"),
+        told("friction", "The friction (D - U) / 2 is"),
+        told("ratio", "The strike weight ratio is", 2, ""),
         told("spring", "Support springs take off"),
-        told("played", "Balance as played") if found["spring"]["count"] else "",
+        told("played", "The balance as played is") if found["spring"]["count"] else "",
     ]
     if len(residual):
         near = int((residual.abs() <= 3.0).sum())
         out.append(
             f"The weights predict the balance: {near} of {len(residual)} keys within 3 gf, "
-            f"standard deviation {residual.std():.2f} gf; the levers of the sharps are "
-            f"{100 * (balance.sharp_factor - 1):.1f} % longer."
+            f"standard deviation {residual.std():.2f} gf. At the front of a sharp, all that "
+            f"the key lifts is {100 * (balance.sharp_factor - 1):.1f} % heavier."
         )
     return [text for text in out if text]
 

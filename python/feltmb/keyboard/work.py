@@ -65,7 +65,7 @@ def list_of_work(
         note = str(row["note"])
         if key in rough:
             over = row["friction"] - row["friction_curve"]
-            rows.append((key, note, "friction", -over, f"ease, {over:.0f} gf less friction"))
+            rows.append((key, note, "friction", -over, f"ease, {over:.1f} gf less friction"))
         played = float(row["played"])
         hammer = float(row["strike_curve"] - strike[key])
         if abs(hammer) >= HAMMER:
@@ -75,7 +75,7 @@ def list_of_work(
         spring = float(row["spring_curve"] - row["spring"])
         if abs(spring) >= SPRING:
             done = "stronger" if spring > 0 else "weaker"
-            rows.append((key, note, "spring", spring, f"{done} by {abs(spring):.0f} g at the key"))
+            rows.append((key, note, "spring", spring, f"{done} by {abs(spring):.0f} gf at the key"))
             played -= spring
         excess = played - float(wanted[key])
         if abs(excess) >= BALANCE:

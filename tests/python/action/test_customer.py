@@ -2,13 +2,14 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 
 import feltmb
 from feltmb import InvalidParameter
-from feltmb.action.customer import customer_page
+from feltmb.action.customer import GRAM, customer_page
 from feltmb.cli.gap import report as command
 
 
@@ -79,6 +80,23 @@ def test_work_that_was_done_replaces_the_advice(tmp_path):
     page = customer_page(folder, "steinway45", done=["Bushing eased."])
     assert page.done
     assert page.work == ("Bushing eased.",)
+
+
+@pytest.mark.parametrize(
+    ("done", "hand", "left"),
+    [
+        ((), "goes down with 93 g and lifts 30 g; after the work, it will be 79 g and 43 g.",
+         "has 0.2 mm of travel left; after the work, it will have 0.5 mm."),
+        (["Eased."], "goes down with 79 g and lifts 43 g; before, it was 93 g and 30 g.",
+         "has 0.5 mm of travel left; before, it had 0.2 mm."),
+    ],
+)  # fmt: skip
+def test_work_that_is_not_done_has_not_changed_the_weights(tmp_path, done, hand, left):
+    page = customer_page(result(tmp_path, KEY), "steinway45", done=done)
+    old, new = (SimpleNamespace(down_weight=d * GRAM, up_weight=u * GRAM)
+                for d, u in ((93.0, 30.0), (79.0, 43.0)))  # fmt: skip
+    assert page._hand(old, new, False).endswith(hand)
+    assert page._left(0.2, 0.5, False).endswith(left)
 
 
 def test_without_a_cause_before_and_after_are_one(tmp_path):

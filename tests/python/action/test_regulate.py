@@ -363,7 +363,6 @@ def test_command_writes_nothing_when_a_target_is_not_met(tmp_path):
     assert not out.exists()
 
 
-@pytest.mark.slow
 def test_turns_of_a_screw_and_an_aftertouch_that_no_step_asks_for():
     """Half a turn back is half a turn up; a short aftertouch is told, and refused if asked for."""
     out = load_action("steinway45_leaded").with_values(

@@ -60,7 +60,7 @@ def test_screws_take_the_number_back_with_their_turns():
 
 
 def test_packaged_table_is_that_of_the_packaged_action():
-    """If not, run tools/make_symptoms.py."""
+    """If not, compute the table anew: see docs/howto/find_a_cause.md."""
     wear = packaged_wear()
     assert wear.hash == feltmb.load_action(PACKAGED).hash
     kinds = {"thinner", "harder", "friction", "spring", "tight", "missing", "screw"}

@@ -11,6 +11,11 @@ def test_fast_chapters(tmp_path):
     assert [(name, a.what, a.found, a.truth) for name, a in found if not a.right] == []
 
 
+def test_files_of_camera_and_cell_are_joined(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert next(technician.measured("one", {})).right
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("names", [("regulation",), ("lead",), ("friction", "customer")])
 def test_slow_chapters(tmp_path, names):

@@ -152,7 +152,12 @@ def test_aimed_speeds_are_struck(grand):
 
 def test_sets_are_the_same_for_the_same_seed_and_any_number_of_threads(few, tmp_path):
     setup, records = few
-    _, again = labeled_strokes(count=6, seed=3, jobs=1)
+    known, again = labeled_strokes(count=6, seed=3, jobs=1)
+    again = list(again)
+    sets = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
+    write_set(sets[0], setup, records[:6])
+    write_set(sets[1], known, again)
+    assert sets[0].read_bytes() == sets[1].read_bytes()
     for one, two in zip(records[:6], again, strict=True):
         assert one.truth == two.truth
         pd.testing.assert_frame_equal(one.samples, two.samples)

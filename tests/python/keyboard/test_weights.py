@@ -246,7 +246,7 @@ def test_bad_numbers_of_the_call_are_refused(gaveau):
 def test_the_page_holds_everything_and_loads_nothing(gaveau):
     text = html_page(gaveau, list_of_work(gaveau))
     assert "http" not in text
-    assert "ease, 5 gf less friction" in text
+    assert "ease, 4.5 gf less friction" in text
     assert text.count("<tr>") > 88 + 50
     assert "key 4" in text or "<td>4</td>" in text
     assert set(COLUMNS) - {"key_ratio", "whippen_weight", "strike_weight_ratio"} <= {

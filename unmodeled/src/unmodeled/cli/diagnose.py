@@ -26,6 +26,7 @@ from unmodeled.cli.models import (
 from unmodeled.cli.options import (
     FORCE,
     MODEL_SET,
+    SEED,
     FolderName,
     Number,
     argument,
@@ -336,7 +337,7 @@ def blind(
         "Number of cases; default: one without an effect and one for each effect.",
         count(1, 100_000),
     ),
-    seed: int = option("Seed of all random draws.", count(0), 0),
+    seed: int = SEED,
     only: tuple[str, ...] = option(
         "Effect that is withheld; default: each effect in turn. All effects are candidates.",
         words="--effect",

@@ -569,6 +569,7 @@ def group(name: str) -> Callable[[Callable[[], None]], click.Group]:
 # --- options that several commands have ----------------------------------------------------------
 
 FORCE = option("Overwrite existing files.")
+SEED = option("Seed of all random draws.", count(0), 0)
 MODEL_SET = option(
     "Setting of a model of an extension; its documentation lists them.",
     words="--set",
