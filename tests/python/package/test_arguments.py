@@ -573,6 +573,14 @@ CALLS = {
         feltmb.Machine(pendulum()),
         {"state": feltmb.Machine(pendulum()).state()},
     ),
+    "feltmb.export_felt": lambda: {
+        "law": feltmb.contact.law("kelvin_voigt", stiffness=1e4),
+        "path": "felt.fmu",
+        "name": "pad",
+        "version": "2.0",
+        "parameters": ["law.*"],
+        "force": False,
+    },
     "feltmb.export_fmu": lambda: {
         "action": pendulum(),
         "path": "unit.fmu",
