@@ -334,7 +334,7 @@ def simulate_command(
     check_targets(None if resume else output, pictures=(plot,), force=force)
     check_targets(vtk, force=force)
     directions = None if orientation is None else read_directions(orientation)
-    if directions is not None and not is_given("n_fibers"):
+    if directions is not None and not is_given("fibers"):
         box = replace(box, n_fibers=len(directions))
     old = FiberRun.load(output) if resume else None
     if old is not None:
