@@ -111,7 +111,7 @@ class Stacked:
 
         found = minimize(
             goal, np.zeros(2 * FIBERS * self.beads), jac=True, method="L-BFGS-B",
-            options={"maxiter": most, "maxfun": 2 * most, "maxcor": 30, "ftol": 1e-14, "gtol": 1e-6},
+            options={"maxiter": most, "maxfun": 2 * most, "maxcor": 30, "ftol": 1e-14},
         )  # fmt: skip
         self.x, self.top = moved(found.x), top
         return self.energy(self.x, top)[2] / SIDE**2, found
@@ -129,7 +129,8 @@ def compress(file: str, most: int = 2500) -> None:
         if packing in PACKINGS:
             default, beam = (float(found[f"P {c}"][PACKINGS.index(packing)]) for c in COUPLINGS)
             ratio = pressure / beam
-            print(f"{packing:7.2f}  {pressure:.3e}  {beam:.3e}  {ratio:.2f}  {default:.3e}  {search.nit}", flush=True)
+            row = f"{packing:7.2f}  {pressure:.3e}  {beam:.3e}  {ratio:.2f}  {default:.3e}"
+            print(row, search.nit, flush=True)
 
 
 if __name__ == "__main__":

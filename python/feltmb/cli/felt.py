@@ -219,11 +219,11 @@ def contact_command(
 
     Columns: "displacement [mm]" (positive in compression), "thickness [mm]" or "strain [%]", and
     "force [N]" or "stress [kPa]", also by their usual names in English, German, French, Chinese and
-    Japanese; other units, such as in, gf and kgf, are converted. A column that is called compression and starts at
-    zero is not shifted. No data of the fibers are needed. The loop is one cycle; the loss of each
-    is printed, and the scatter of the complete ones gives the uncertainty of the forces. The table
-    is the value of contacts.NN.memory.envelope in a mechanism file. With --contact the output file
-    is a complete mechanism.
+    Japanese; other units, such as in, gf and kgf, are converted. A column that is called
+    compression and starts at zero is not shifted. No data of the fibers are needed. The loop is one
+    cycle; the loss of each is printed, and the scatter of the complete ones gives the uncertainty
+    of the forces. The table is the value of contacts.NN.memory.envelope in a mechanism file. With
+    --contact the output file is a complete mechanism.
     """
     from feltmb.felt import read_measured_loop
     from feltmb.felt.plot import plot_measured_loop
