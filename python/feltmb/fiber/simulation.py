@@ -357,7 +357,18 @@ def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> di
 
 @checked
 def lay(box: FiberBox, threads: int = 0, *, directions: npt.ArrayLike | None = None) -> Any:
-    """Place the fibers at random; return the core's network (see ``feltmb.fiber.simulate``)."""
+    """Place the fibers at random; return the core's network (see ``feltmb.fiber.simulate``).
+
+    Parameters
+    ----------
+    box
+        The fibers; their lengths are equal.
+    threads
+        Number of threads; 0: all cores.
+    directions
+        Direction of each fiber, from its first to its last bead, an array of n_fibers rows x, y, z;
+        default: at random, by ``ratio``.
+    """
     network = _core.BeadSpringNetwork(box.core(), threads)
     if directions is None:
         return network
