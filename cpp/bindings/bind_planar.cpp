@@ -46,6 +46,20 @@ void bind_description(py::module_& m) {
   bind_fields<MechanismDescription>(m, "MechanismDescription");
 }
 
+py::list rows_of(const std::vector<DescriptionNumber>& numbers) {
+  py::list out;
+  for (const DescriptionNumber& n : numbers) {
+    py::dict row;
+    row["path"] = n.path;
+    row["unit"] = n.unit;
+    row["meaning"] = n.meaning;
+    row["value"] = *n.value;
+    add_range(row, n.range);
+    out.append(row);
+  }
+  return out;
+}
+
 py::dict move_through(const std::shared_ptr<Mechanism>& mechanism, const Eigen::MatrixXd& q,
                       int count) {
   const Poses found = poses_along(mechanism, q, count);
@@ -126,22 +140,18 @@ void bind_planar(py::module_& m) {
         "Text of a description, to the last bit.");
   m.def("read_description", &read_description, py::arg("text"));
   m.def(
-      "description_numbers",
-      [](const MechanismDescription& d) {
-        MechanismDescription own = d;
-        py::list out;
-        for (const DescriptionNumber& n : numbers_of(own)) {
-          py::dict row;
-          row["path"] = n.path;
-          row["unit"] = n.unit;
-          row["meaning"] = n.meaning;
-          row["value"] = *n.value;
-          add_range(row, n.range);
-          out.append(row);
-        }
-        return out;
-      },
+      "description_numbers", [](MechanismDescription own) { return rows_of(numbers_of(own)); },
       py::arg("description"), "Path, unit, meaning, value and limits of all real numbers.");
+  m.def(
+      "write_law", [](const ContactLaw& law) { return write_law(law.parameters()); },
+      py::arg("law"), "Text of a contact law, to the last bit.");
+  m.def(
+      "law_numbers",
+      [](const ContactLaw& law) {
+        LawParameters own = law.parameters();
+        return rows_of(numbers_of(own));
+      },
+      py::arg("law"), "Path, unit, meaning, value and limits of all real numbers.");
   m.def(
       "assemble",
       [](const MechanismDescription& d) { return std::const_pointer_cast<Mechanism>(assemble(d)); },

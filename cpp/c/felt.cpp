@@ -49,7 +49,8 @@ std::map<std::string, FieldValue> values_of_entries(
     const std::string kind = field.kind;
     if (kind == "envelope" && !entries.contains(field.name)) {
       const ExponentialCurve loading = curve("loading"), unloading = curve("unloading");
-      const double closing = entries.contains("closing") ? take("closing", 1)[0][0] : 0.0;
+      const std::string end = "closing_compression";
+      const double closing = entries.contains(end) ? take(end, 1)[0][0] : 0.0;
       out[field.name] = Envelope::from_curves(loading, unloading, closing);
     } else if (!entries.contains(field.name)) {
       continue;

@@ -4,6 +4,7 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
+#include <memory>
 #include <string>
 
 #include "unit.hpp"
@@ -12,6 +13,7 @@
 
 namespace {
 
+using feltmb::fmu::open_unit;
 using feltmb::fmu::Unit;
 
 enum Status { kOk, kWarning, kDiscard, kError, kFatal, kPending };
@@ -27,7 +29,7 @@ struct Callbacks {
 };
 
 struct Instance {
-  Unit unit;
+  std::unique_ptr<Unit> unit;
   std::string name;
   Callbacks callbacks;
 };
@@ -42,7 +44,7 @@ Status guarded(void* instance, Work&& work) {
   auto* own = static_cast<Instance*>(instance);
   if (own == nullptr) return kError;
   try {
-    work(own->unit);
+    work(*own->unit);
     return kOk;
   } catch (const std::exception& error) {
     tell(own->callbacks, own->name.c_str(), error.what());
@@ -84,8 +86,8 @@ FMI2 void* fmi2Instantiate(const char* name, int type, const char* token, const 
   }
   try {
     return new Instance{
-        Unit(path_of(resources == nullptr ? "" : resources), token == nullptr ? "" : token), own,
-        to};
+        open_unit(path_of(resources == nullptr ? "" : resources), token == nullptr ? "" : token),
+        own, to};
   } catch (const std::exception& error) {
     tell(to, own, error.what());
     return nullptr;

@@ -2,6 +2,7 @@
 #include <cstdint>
 #include <cstring>
 #include <exception>
+#include <memory>
 
 #include "unit.hpp"
 
@@ -9,13 +10,14 @@
 
 namespace {
 
+using feltmb::fmu::open_unit;
 using feltmb::fmu::Unit;
 
 enum Status { kOk, kWarning, kDiscard, kError, kFatal };
 using Log = void (*)(void* environment, Status status, const char* category, const char* message);
 
 struct Instance {
-  Unit unit;
+  std::unique_ptr<Unit> unit;
   void* environment;
   Log log;
 };
@@ -26,7 +28,7 @@ Status guarded(void* instance, Work&& work) {
   auto* own = static_cast<Instance*>(instance);
   if (own == nullptr) return kError;
   try {
-    work(own->unit);
+    work(*own->unit);
     return kOk;
   } catch (const std::exception& error) {
     if (own->log != nullptr) own->log(own->environment, kError, "logStatusError", error.what());
@@ -43,8 +45,9 @@ FMI3 void* fmi3InstantiateCoSimulation(const char*, const char* token, const cha
                                        bool, bool, bool, const std::uint32_t*, size_t,
                                        void* environment, Log log, void*) {
   try {
-    return new Instance{Unit(resources == nullptr ? "" : resources, token == nullptr ? "" : token),
-                        environment, log};
+    return new Instance{
+        open_unit(resources == nullptr ? "" : resources, token == nullptr ? "" : token),
+        environment, log};
   } catch (const std::exception& error) {
     if (log != nullptr) log(environment, kError, "logStatusError", error.what());
     return nullptr;
@@ -97,7 +100,7 @@ FMI3 Status fmi3DoStep(void* instance, double time, double duration, bool, bool*
   if (early != nullptr) *early = false;
   const Status status = guarded(instance, [&](Unit& unit) { unit.step(time, duration); });
   if (reached != nullptr && instance != nullptr) {
-    *reached = static_cast<Instance*>(instance)->unit.time();
+    *reached = static_cast<Instance*>(instance)->unit->time();
   }
   return status;
 }

@@ -17,15 +17,38 @@ constexpr double kNoStep = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
 
-Unit::Unit(const std::string& resources, const std::string& token) {
-  const std::string path = resources + "/machine.txt";
+std::string read_resource(const std::string& path, const std::string& head,
+                          const std::string& token) {
   std::ifstream file(path, std::ios::binary);
   if (!file) throw Error("cannot read " + path);
-  // unit TOKEN KIND HOLD METHOD ORDER RTOL, then the description
-  std::string head, own, kind, hold, method, rtol;
-  file >> head >> own >> kind >> hold >> method >> options_.max_order >> rtol;
-  if (!file || head != "feltmb-unit") throw Error(path + " is no machine of feltmb");
+  std::string word, own;
+  file >> word >> own;
+  if (!file || word != head) throw Error(path + " is none of feltmb");
   if (own != token) throw Error(path + " belongs to another model description");
+  file.get();
+  std::ostringstream rest;
+  rest << file.rdbuf();
+  return std::move(rest).str();
+}
+
+std::unique_ptr<Unit> open_unit(const std::string& resources, const std::string& token) {
+  const std::string felt = resources + "/felt.txt";
+  if (std::ifstream(felt)) return open_felt(felt, token);
+  return std::make_unique<Machine>(resources + "/machine.txt", token);
+}
+
+void Unit::step(double at, double duration) {
+  if (std::fabs(at - time()) > 1e-9 * std::fmax(1.0, std::fabs(at))) {
+    throw InvalidParameter(format("step from %.9g s, but the unit is at %.9g s", at, time()));
+  }
+  advance(duration);
+}
+
+Machine::Machine(const std::string& path, const std::string& token) {
+  // KIND HOLD METHOD ORDER RTOL, then the description
+  std::istringstream file(read_resource(path, "feltmb-unit", token));
+  std::string kind, hold, method, rtol;
+  file >> kind >> hold >> method >> options_.max_order >> rtol;
   kind_ = input_kind(kind);
   hold_ = hold == "linear" ? Hold::kLinear : Hold::kZero;
   options_.method = method_from_name(method);
@@ -42,7 +65,7 @@ Unit::Unit(const std::string& resources, const std::string& token) {
   peaks_.assign(mechanism->contacts.size(), kNoStep);
 }
 
-Stepper& Unit::stepper() {
+Stepper& Machine::stepper() {
   if (!stepper_) {
     for (const DescriptionNumber& number : numbers_) {
       if (number.range.holds(*number.value)) continue;
@@ -59,7 +82,7 @@ Stepper& Unit::stepper() {
   return *stepper_;
 }
 
-Stepper& Unit::with_input() {
+Stepper& Machine::with_input() {
   Stepper& own = stepper();
   // A held force or torque acts at once. Others start at their last value.
   if (hold_ == Hold::kZero && !is_prescribed(kind_) && own.state().drive.value != input_) {
@@ -70,7 +93,7 @@ Stepper& Unit::with_input() {
   return own;
 }
 
-const std::vector<double>& Unit::peaks() {
+const std::vector<double>& Machine::peaks() {
   if (watched_) return peaks_;
   watched_ = true;
   Stepper& own = stepper();
@@ -84,9 +107,7 @@ const std::vector<double>& Unit::peaks() {
   return peaks_;
 }
 
-double Unit::time() const { return start_ + (stepper_ ? stepper_->state().machine.time : 0.0); }
-
-double Unit::get(std::uint32_t reference) {
+double Machine::get(std::uint32_t reference) {
   if (reference == kTime) return time();
   if (reference == kInput) return input_;
   if (reference == kTolerance) return options_.rtol;
@@ -106,7 +127,7 @@ double Unit::get(std::uint32_t reference) {
   throw InvalidParameter(format("there is no variable with reference %u", reference));
 }
 
-void Unit::set(std::uint32_t reference, double value) {
+void Machine::set(std::uint32_t reference, double value) {
   const auto change = [this, value](double& fixed, const std::string& name) {
     if (stepper_ && stepper_->state().machine.time > 0.0) {
       throw InvalidParameter(name + " is fixed: it can be set before the first step only");
@@ -129,7 +150,7 @@ void Unit::set(std::uint32_t reference, double value) {
   }
 }
 
-void Unit::reset() {
+void Machine::reset() {
   stepper_.reset();
   // In place: the numbers point into it.
   std::vector<DescriptionNumber> first = numbers_of(original_);
@@ -139,11 +160,8 @@ void Unit::reset() {
   start_ = input_ = last_duration_ = 0.0;
 }
 
-void Unit::step(double at, double duration) {
+void Machine::advance(double duration) {
   Stepper& own = stepper();
-  if (std::fabs(at - time()) > 1e-9 * std::fmax(1.0, std::fabs(at))) {
-    throw InvalidParameter(format("step from %.9g s, but the unit is at %.9g s", at, time()));
-  }
   StepState before;
   if (!watched_) before = own.state();
   const StepResult done = own.advance(duration, {input_}, hold_);
@@ -157,7 +175,7 @@ void Unit::step(double at, double duration) {
   }
 }
 
-std::vector<double> Unit::save() {
+std::vector<double> Machine::save() {
   const std::vector<double>& largest = peaks();
   const StepState& s = stepper().state();
   std::vector<double> out{start_,        input_,       options_.rtol,        s.machine.time,
@@ -170,7 +188,7 @@ std::vector<double> Unit::save() {
   return out;
 }
 
-void Unit::restore(const std::vector<double>& saved) {
+void Machine::restore(const std::vector<double>& saved) {
   // Turning points are as many as there are.
   const std::size_t now = save().size() - stepper().state().machine.largest_compression.size() +
                           stepper().rest().machine.largest_compression.size();

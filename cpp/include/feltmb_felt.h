@@ -18,7 +18,7 @@ typedef struct feltmb_felt feltmb_felt;
  *   law NAME                    as in a mechanism file, such as felt_return_point
  *   FIELD VALUE                 a number of the law, such as kappa 0.2
  *   loading a b c               F = a e exp(b e) + c e; unloading likewise
- *   closing VALUE               end of a loop of two curves that do not meet [m]
+ *   closing_compression VALUE   end of a loop of two curves that do not meet [m]
  *   envelope e loading unloading  a row of a loop as a table [m, N, N], the first one 0 0 0
  * NULL if the text is wrong: then `message` (of `size` bytes, may be NULL) says why. */
 feltmb_felt* feltmb_felt_create(const char* text, char* message, size_t size);

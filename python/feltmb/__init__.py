@@ -32,7 +32,7 @@ Measurements
     unmodeled has the rest: read, Record, your own simulators, FMUs, MuJoCo models, equations
     adapters: mechanisms as models
 Co-simulation
-    export_fmu
+    export_fmu, export_felt (a contact law alone)
 A mechanism as a web page
     export_page
 Errors
@@ -60,7 +60,7 @@ if TYPE_CHECKING:
     from feltmb.graphics.viewer import view
     from feltmb.live.page import export_page
     from feltmb.mechanism import Action, load_action, packaged_actions
-    from feltmb.run.fmu import export_fmu
+    from feltmb.run.fmu import export_felt, export_fmu
     from feltmb.run.machine import Machine, MachineState
     from feltmb.run.options import RunOptions
     from feltmb.run.results import Run, load_run
@@ -104,6 +104,7 @@ __all__ = [
     "adapters",
     "contact",
     "evaluate",
+    "export_felt",
     "export_fmu",
     "export_page",
     "felt",
@@ -140,7 +141,7 @@ _LAZY = {
     "errors": "IntegrationError",
     "unmodeled.errors": "DataError Error FileExists InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
-    "run.fmu": "export_fmu",
+    "run.fmu": "export_felt export_fmu",
     "action.repetition": "Repetition repeat",
     "run.machine": "Machine MachineState",
     "run.options": "RunOptions",

@@ -57,6 +57,16 @@ int main(void) {
   CHECK(strstr(message, "loading") != NULL);
   CHECK(feltmb_felt_create("law hunt_crossley\nstifness 1\n", message, sizeof message) == NULL);
   CHECK(strstr(message, "stifness") != NULL);
+  /* Two curves that do not meet have the end of Python's closing_compression. */
+  feltmb_felt_free(other);
+  other = feltmb_felt_create(
+      "law felt_return_point\nloading 5e3 1e3 0\nunloading 1e3 1e3 0\nclosing_compression 1e-3\n",
+      message, sizeof message);
+  CHECK(other != NULL);
+  CHECK(fabs(feltmb_felt_step(other, 1e-3, 1.0) - 5 * exp(1)) < 1e-12);
+  CHECK(feltmb_felt_create("law felt_return_point\nloading 5e3 1e3 0\nunloading 1e3 1e3 0\n"
+                           "closing 1e-3\n",
+                           message, sizeof message) == NULL);
   feltmb_felt_free(felt);
   feltmb_felt_free(other);
   printf("ok: %.6f N\n", top);

@@ -139,7 +139,8 @@ class Writer {
 
 class Reader {
  public:
-  explicit Reader(const std::string& text) : text_(text) {}
+  explicit Reader(const std::string& text, const char* what = "description of a mechanism")
+      : text_(text), what_(what) {}
 
   std::string word() {
     const std::size_t end = text_.find(' ', at_);
@@ -255,14 +256,16 @@ class Reader {
   std::size_t size() { return integer<std::size_t>(0, text_.size() - at_); }
 
   [[noreturn]] void fault(const std::string& what) const {
-    throw InvalidParameter(format("description of a mechanism, letter %zu: %s", at_, what.c_str()));
+    throw InvalidParameter(format("%s, letter %zu: %s", what_, at_, what.c_str()));
   }
 
   const std::string& text_;
+  const char* what_;
   std::size_t at_ = 0;
 };
 
 constexpr const char* kHead = "feltmb-description";
+constexpr const char* kLaw = "feltmb-law";
 
 // ---------------------------------------------------------------- numbers
 
@@ -280,6 +283,17 @@ class Numbers {
     each_field(description_, [&](const auto& field, auto& value) {
       if constexpr (requires { add(field.name, value); }) add(field.name, value);
     });
+    return std::move(out_);
+  }
+
+  /// Those of a law alone, with the names of its fields.
+  std::vector<DescriptionNumber> of(LawParameters& law) {
+    site_ = Site::kContact;
+    std::visit(
+        [&](auto& own) {
+          each_field(own, [&](const auto& field, auto& value) { add_field("", field, value); });
+        },
+        law);
     return std::move(out_);
   }
 
@@ -389,7 +403,7 @@ class Numbers {
 
   template <class F, class T>
   void add_field(const std::string& path, const F& field, T& value) {
-    const std::string own = path + "." + field.name;
+    const std::string own = (path.empty() ? "" : path + ".") + field.name;
     if constexpr (std::is_same_v<T, double>) {
       number(own, value, field.unit, field.meaning, field.range);
     } else if constexpr (std::is_same_v<T, StringParameters>) {
@@ -442,6 +456,29 @@ MechanismDescription read_description(const std::string& text) {
 
 std::vector<DescriptionNumber> numbers_of(MechanismDescription& description) {
   return Numbers(description).all();
+}
+
+std::string write_law(const LawParameters& law) {
+  Writer out;
+  out.word(kLaw);
+  out.word(FELTMB_VERSION);
+  out.put(law);
+  return std::move(out).text();
+}
+
+LawParameters read_law(const std::string& text) {
+  Reader in(text, "text of a contact law");
+  in.expect(kLaw);
+  in.expect(FELTMB_VERSION);
+  LawParameters out;
+  in.get(out);
+  in.end();
+  return out;
+}
+
+std::vector<DescriptionNumber> numbers_of(LawParameters& law) {
+  MechanismDescription none;
+  return Numbers(none).of(law);
 }
 
 }  // namespace feltmb

@@ -78,6 +78,7 @@ __all__: list[str] = [
     "force_along",
     "jacobian_blocks",
     "jacobian_check",
+    "law_numbers",
     "layer_envelope",
     "move_through",
     "observables",
@@ -91,6 +92,7 @@ __all__: list[str] = [
     "state_names",
     "tolerance_for",
     "write_description",
+    "write_law",
 ]
 
 class Friction:
@@ -1812,6 +1814,11 @@ def jacobian_check(
     Inverse of I - gamma J as the structured solver applies it.
     """
 
+def law_numbers(law: ContactLaw) -> list:
+    """
+    Path, unit, meaning, value and limits of all real numbers.
+    """
+
 def layer_envelope(layer: FeltLayer) -> Envelope:
     """
     Envelope of a contact through a felt layer; kept.
@@ -1894,6 +1901,11 @@ def tolerance_for(
 def write_description(description: MechanismDescription) -> str:
     """
     Text of a description, to the last bit.
+    """
+
+def write_law(law: ContactLaw) -> str:
+    """
+    Text of a contact law, to the last bit.
     """
 
 __version__: str = "0.3.0"

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import click
 
@@ -36,6 +36,7 @@ from unmodeled.cli.screen import (
     save_figure,
     save_text,
     say,
+    say_written,
     show,
     warn,
 )
@@ -217,12 +218,12 @@ def contact_command(
     """Contact law from the measured loop in TEST, a CSV with units in its header.
 
     Columns: "displacement [mm]" (positive in compression), "thickness [mm]" or "strain [%]", and
-    "force [N]" or "stress [kPa]", also by their usual names in English, German and French; other
-    units, such as in, gf and kgf, are converted. A column that is called compression and starts at
-    zero is not shifted. No data of the fibers are needed. The loop is one cycle; the loss of each
-    is printed, and the scatter of the complete ones gives the uncertainty of the forces. The table
-    is the value of contacts.NN.memory.envelope in a mechanism file. With --contact the output file
-    is a complete mechanism.
+    "force [N]" or "stress [kPa]", also by their usual names in English, German, French, Chinese and
+    Japanese; other units, such as in, gf and kgf, are converted. A column that is called
+    compression and starts at zero is not shifted. No data of the fibers are needed. The loop is one
+    cycle; the loss of each is printed, and the scatter of the complete ones gives the uncertainty
+    of the forces. The table is the value of contacts.NN.memory.envelope in a mechanism file. With
+    --contact the output file is a complete mechanism.
     """
     from feltmb.felt import read_measured_loop
     from feltmb.felt.plot import plot_measured_loop
@@ -485,6 +486,47 @@ def bulk_command(
             if (value := made.get(name)) is not None
         ],
     )
+
+
+@declare("fmu", felt, "Export LAW as a co-simulation unit (FMI): compression in, force out.")
+def fmu_command(
+    law: str = argument(complete=packaged("", "felts")),
+    settings: tuple[str, ...] = SET,
+    out: Path = option("The unit (.fmu).", metavar="FILE", required=True),
+    fmi: Literal["3.0", "2.0"] = option(
+        "Version of the interface.", click.Choice(["3.0", "2.0"]), "3.0"
+    ),
+    parameters: tuple[str, ...] = option(
+        "Numbers that become parameters, such as law.kappa; default: all.",
+        words="--parameter",
+        metavar="PATTERN",
+    ),
+    force: bool = FORCE,
+) -> None:
+    """Export LAW as a co-simulation unit: a contact (steinway45:04), an envelope, or a law.
+
+    LAW may be a file of `felt law`, `felt contact` or `felt envelope`. Inputs are compression [m]
+    and rate [m/s], outputs are force [N] and energy [J]. The binary needs no Python.
+    """
+    from feltmb.felt import FeltEnvelope, FeltMaterial, audit_targets
+    from feltmb.run.fmu import export_felt
+    from unmodeled.errors import InvalidParameter
+
+    [(name, found)] = audit_targets(law, settings, all_hint="", tell=complain)
+    if isinstance(found, FeltMaterial):
+        raise InvalidParameter(
+            f"{law} is a felt without a thickness and an area, expected a law; hint: feltmb felt "
+            f"envelope {law} --thickness 6mm --area constant:1cm2 -o envelope.toml"
+        )
+    written = export_felt(
+        found.law() if isinstance(found, FeltEnvelope) else found,
+        out,
+        name=name,
+        version=fmi,
+        parameters=parameters or "*",
+        force=force,
+    )
+    say_written(written)
 
 
 # --- felts from loops ----------------------------------------------------------------------------

@@ -309,13 +309,21 @@ def simulate_command(
     samples: int | None = option(
         "Stop after this number of samples; the run can be resumed.", count()
     ),
+    orientation: Path | None = option(
+        "Table with the direction x, y, z of each fiber (z: compression); default: at random.",
+        FILE,
+    ),
+    vtk: Path | None = option(
+        "The fibers at the end, for ParaView (.vtk); with --samples, those at that sample.",
+        FileName(".vtk"),
+    ),
     plot: Path | None = option("Picture.", FILE),
     force: bool = FORCE,
 ) -> None:
     """Compress and release a box of single fibers, and write the run to OUTPUT (.npz)."""
     from rich.progress import Progress
 
-    from feltmb.fiber import FiberRun, simulate, unusual
+    from feltmb.fiber import FiberRun, read_directions, simulate, unusual
     from feltmb.fiber.plot import plot_simulation
     from unmodeled.errors import Error, InvalidParameter
 
@@ -323,6 +331,10 @@ def simulate_command(
     if output.suffix != ".npz":
         raise InvalidParameter(f'{output}: suffix is "{output.suffix}", expected .npz')
     check_targets(None if resume else output, pictures=(plot,), force=force)
+    check_targets(vtk, force=force)
+    directions = None if orientation is None else read_directions(orientation)
+    if directions is not None and not is_given("fibers"):
+        box = replace(box, n_fibers=len(directions))
     old = FiberRun.load(output) if resume else None
     if old is not None:
         faults = [*_not_resumed(BOX, box, old.box), *_not_resumed(CYCLE, cycle, old.cycle)]
@@ -341,6 +353,7 @@ def simulate_command(
             box if old is None else old.box,
             cycle if old is None else old.cycle,
             resume=old,
+            directions=directions,
             threads=threads,
             progress=tell,
             checkpoint=output,
@@ -348,6 +361,7 @@ def simulate_command(
         )
     _print_simulation(run)
     say_written(output)
+    save_text(vtk, run.to_vtk, force=force)
     save_figure(plot, lambda: plot_simulation(run), force=force)
     warn(run.warnings)
     if run.status == "failed":
@@ -356,12 +370,14 @@ def simulate_command(
 
 def _print_simulation(run: FiberRun) -> None:
     box, phase = run.box, run.column("phase")
-    numbers = ("v_f", "pressure", "contacts", "work", "friction_loss", "drag_loss")
+    numbers = ("pressure", "contacts", "work", "friction_loss", "drag_loss")
     show(
         f"{box.n_fibers} fibers, friction {box.friction:g}",
-        "branch | >v_f [-] | >P [Pa] | >contacts | >work [J] | >friction [J] | >drag [J]",
+        "branch | >v_f [-] | >porosity [-] | >P [Pa] | >contacts | >work [J] | >friction [J] | "
+        ">drag [J]",
         [
             ["loading" if phase[i] == 0 else "unloading",
+             f"{run.table['v_f'][i]:.3g}", f"{1.0 - run.table['v_f'][i]:.3g}",
              *(f"{run.table[k][i]:.3g}" for k in numbers)]
             for i in sorted({int(k * (len(phase) - 1) / 10) for k in range(11)})
         ],

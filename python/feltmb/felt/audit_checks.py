@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from feltmb import _core
 from feltmb.fiber.material import FeltMaterial
-from feltmb.mechanism import Contact
+from feltmb.mechanism import LawChoice
 from unmodeled.errors import InvalidParameter
 
 Array = NDArray[np.float64]
@@ -301,7 +301,7 @@ def audit_cycles(
     return cycles, findings
 
 
-def pair_curves(contact: Contact, reach: float) -> _Curves:
+def pair_curves(contact: LawChoice, reach: float) -> _Curves:
     """Loading and unloading of a pair of curves, up to the point where they meet."""
     assert contact.loading is not None
     assert contact.unloading is not None

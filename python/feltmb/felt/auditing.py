@@ -34,10 +34,11 @@ from feltmb.felt.audit_checks import (
 )
 from feltmb.felt.envelopes import FeltEnvelope, envelope, load_envelope
 from feltmb.fiber.material import FeltMaterial, load_material
-from feltmb.mechanism import Contact, core_law, load_action
+from feltmb.mechanism import LawChoice, core_law, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import is_file, read_toml
+from unmodeled.units.quantity import validated
 
 Array = NDArray[np.float64]
 
@@ -115,7 +116,7 @@ class Audit:
 
 
 def _audited(
-    law: Contact | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw, reach: float
+    law: LawChoice | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw, reach: float
 ) -> tuple[_core.ContactLaw, Any, str, list[Finding]]:
     """Law of the core, its curves, what it is, and what its data show."""
     if isinstance(law, FeltMaterial):
@@ -126,14 +127,14 @@ def _audited(
         return core, curves, about, material_findings(law) + findings
     if isinstance(law, FeltEnvelope):
         return law.law(), envelope_curves(law.core), law.about, shape_findings(law.core)
-    if isinstance(law, Contact):
+    if isinstance(law, LawChoice):
         return _audited_contact(law, reach)
     core = law.core if isinstance(law, Law) else law
     return core, law_curves(core, reach), "", []
 
 
 def _audited_contact(
-    law: Contact, reach: float
+    law: LawChoice, reach: float
 ) -> tuple[_core.ContactLaw, Any, str, list[Finding]]:
     """As :func:`_audited`; the curves are those of the data that the law uses."""
     core = core_law(law)
@@ -146,12 +147,12 @@ def _audited_contact(
         curves = pair_curves(law, reach)
     else:
         curves = law_curves(core, reach)
-    return core, curves, law.label, findings
+    return core, curves, getattr(law, "label", ""), findings
 
 
 @checked
 def audit(
-    law: Contact | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw,
+    law: LawChoice | FeltEnvelope | FeltMaterial | Law | _core.ContactLaw,
     *,
     name: str = "law",
     largest: float | None = None,
@@ -229,14 +230,15 @@ def audit_targets(
     everything: bool = False,
     all_hint: str = ", or --all",
     tell: Callable[[str], None] | None = None,
-) -> list[tuple[str, Contact | FeltEnvelope | FeltMaterial]]:
-    """Contacts, felts or envelopes for ``feltmb felt audit TEXT`` and ``feltmb felt fit TEXT``.
+) -> list[tuple[str, LawChoice | FeltEnvelope | FeltMaterial]]:
+    """Contacts, felts, envelopes or laws for ``feltmb felt`` ``audit``, ``fit`` and ``fmu``.
 
     Parameters
     ----------
     text
         ``ACTION:CONTACT`` such as ``steinway45:04``, ``ACTION`` with ``everything``, a felt (name
-        or file), or a file of an envelope.
+        or file), a file of an envelope, or a file of the keys of a contact
+        (:meth:`LawFit.to_toml`).
     settings
         ``PATH=VALUE`` for mechanisms.
     everything
@@ -260,7 +262,7 @@ def audit_targets(
     if not colon:
         action_name, contact = text, ""
     if not colon and not everything:
-        found = _felt_or_envelope(text, settings)
+        found = _in_a_file(text, settings)
         if found is not None:
             return [found]
     path = Path(action_name)
@@ -269,7 +271,7 @@ def audit_targets(
         raise InvalidParameter(
             f"{text!r} is no mechanism ({', '.join(packaged_actions())}), no felt "
             f"({', '.join(packaged_materials())}) and no file ending in .toml; expected "
-            f"ACTION:CONTACT, a felt or an envelope{hint if is_file(path) else ''}"
+            f"ACTION:CONTACT, a felt, an envelope or a law{hint if is_file(path) else ''}"
         )
     action = with_values_told(load_action(action_name), settings, tell)
     contacts = action.config.contacts
@@ -285,20 +287,24 @@ def audit_targets(
     return [(f"{action.name}:{contact}", contacts[contact])]
 
 
-def _felt_or_envelope(
+def _in_a_file(
     text: str, settings: Sequence[str]
-) -> tuple[str, FeltEnvelope | FeltMaterial] | None:
-    """A felt by its name or file, or a file of an envelope; None: it is neither."""
+) -> tuple[str, LawChoice | FeltEnvelope | FeltMaterial] | None:
+    """A felt by its name or file, or a file of an envelope or a law; None: none of them."""
     from feltmb.fiber.material import packaged_materials
 
     path = Path(text)
     raw = read_toml(path) if path.suffix == ".toml" else {}
     felt = text in packaged_materials() or "fiber" in raw
-    if not felt and "memory" not in raw:
+    law = "law" in raw
+    if not felt and not law and "memory" not in raw:
         return None
     if settings:
+        kind = "a felt" if felt else "a law" if law else "an envelope"
         raise InvalidParameter(
-            f"{', '.join(settings)}: {text} is {'a felt' if felt else 'an envelope'}, and "
+            f"{', '.join(settings)}: {text} is {kind}, and "
             "settings change a mechanism; expected ACTION:CONTACT, or a changed file of it"
         )
+    if law:
+        return path.stem, validated(LawChoice, raw, str(path))
     return (text, load_material(text)) if felt else (path.stem, load_envelope(path))

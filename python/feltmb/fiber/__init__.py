@@ -33,7 +33,7 @@ from feltmb.fiber.orientation import (
     uniaxial_tensor,
 )
 from feltmb.fiber.ranges import unusual
-from feltmb.fiber.simulation import Cycle, FiberBox, FiberRun, lay, simulate
+from feltmb.fiber.simulation import Cycle, FiberBox, FiberRun, lay, read_directions, simulate
 
 __all__ = [
     "CarnabyPan",
@@ -68,6 +68,7 @@ __all__ = [
     "network",
     "pressure",
     "read_compression",
+    "read_directions",
     "simulate",
     "structure",
     "uniaxial_tensor",

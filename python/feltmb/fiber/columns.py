@@ -29,20 +29,22 @@ COMPRESSIONS = {"v_f": "1", "strain": "1", "thickness": "m", "displacement": "m"
 LOADS = {"pressure": "Pa", "force": "N"}
 _UNITS = COMPRESSIONS | LOADS
 #: Names of a displacement that is counted from the first contact.
-_FROM_CONTACT = "compression, Stauchung, Stauchweg, Eindrückung, écrasement, enfoncement"
+_FROM_CONTACT = "compression, Stauchung, Stauchweg, Eindrückung, écrasement, enfoncement, 圧縮量"
 #: Usual names of testing machines. A name of two quantities is one of them by its unit.
 NAMES = {
     "v_f": "v_f, volume fraction, Volumenanteil, fraction volumique",
-    "strain": "strain, Dehnung, Stauchung, Verformung, compression, déformation, 应变",
-    "thickness": "thickness, gap, height, Dicke, Höhe, Probendicke, épaisseur, hauteur, 厚度",
+    "strain": "strain, Dehnung, Stauchung, Verformung, compression, déformation, 应变, ひずみ, 歪",
+    "thickness": "thickness, gap, height, Dicke, Höhe, Probendicke, épaisseur, hauteur, 厚度, 厚さ",
     "displacement": "displacement, disp, extension, travel, stroke, position, distance, crosshead, "
     f"crosshead displacement, deflection, deformation, indentation, {_FROM_CONTACT}, Weg, "
     "Standardweg, Traverse, Traversenweg, Verformung, Verschiebung, Kolbenweg, déplacement, "
-    "déplacement traverse, course, déformation, flèche, 位移, 变形",
+    "déplacement traverse, course, déformation, flèche, 位移, 变形, "
+    "変位, ストローク",
     "pressure": "pressure, stress, Druck, Spannung, Druckspannung, contrainte, pression, 压力, "
-    "应力",
+    "应力, 応力, 圧力",
     "force": "force, load, load cell, Kraft, Standardkraft, Prüfkraft, Druckkraft, Last, F, "
-    "charge, effort, force standard, 力, 载荷, 试验力, 压力",
+    "charge, effort, force standard, 力, 载荷, 试验力, 压力, "
+    "試験力, 荷重",
 }
 #: Words beside a name, as in Compressive extension and Charge en compression.
 _BESIDE = "compressive, axial, machine, en compression, de compression"
@@ -66,6 +68,9 @@ _LEAST = 8
 _LARGEST = 1e20
 #: Quantities that decrease under load.
 _DECREASING = ("thickness",)
+#: Columns of one quantity that differ by less than this share of their range, and a constant, are
+#: one reading: no result of a test tells them apart.
+_ONE_READING = 1e-3
 
 
 @dataclass(frozen=True)
@@ -357,7 +362,13 @@ def _choose(
         )
         return "", ""
     headings = [columns.headings.get(c, c) for c in named[quantity]]
-    if len(headings) > 1:
+    alike = len(headings) > 1 and _one_reading(columns, named[quantity], units[quantity])
+    if alike:
+        notes.append(
+            f"{headings[0]} is used, not {shortened(', '.join(headings[1:]), 300)}, which differs "
+            "from it by no more than a constant"
+        )
+    elif len(headings) > 1:
         faults.append(
             f"columns {shortened(', '.join(headings), 300)} are each a {quantity}, expected one: "
             f"--column {quantity}=COLUMN chooses it (in Python options)"
@@ -374,6 +385,13 @@ def _choose(
             f"{headings[0]} is used, not {shortened(', '.join(dict.fromkeys(others)), 300)}"
         )
     return quantity, named[quantity][0]
+
+
+def _one_reading(columns: Columns, names: Sequence[str], unit: str) -> bool:
+    """Whether columns differ by no more than a constant."""
+    first, *others = (values_in(columns, name, unit, []) for name in names)
+    room = _ONE_READING * float(np.ptp(first))
+    return all(float(np.ptp(other - first)) <= room for other in others)
 
 
 def _positive(

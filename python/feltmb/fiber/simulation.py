@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 from numpy.typing import NDArray
 
 from feltmb._core import fiber as _core
 from unmodeled.arguments import checked
+from unmodeled.data.columns import read_columns
 from unmodeled.errors import DataError, Error, InvalidParameter, shown
 from unmodeled.files import check_suffix, read_npz, write_file
 
@@ -238,6 +240,36 @@ class FiberRun:
             )
         return float(np.polyfit(np.log(v[keep]), np.log(p[keep]), 1)[0])
 
+    def to_vtk(self) -> str:
+        """The fibers in their final state as text of a VTK file (legacy ASCII, PolyData), in m.
+
+        Each fiber is a line through its beads, shifted by sides of the box so that its center is
+        inside. ``diameter`` [m] is a number of each point, for ParaView's filter Tube, and
+        ``fiber`` one of each line.
+        """
+        if "positions" not in self.state:
+            raise InvalidParameter("to_vtk: the run has no state, expected one of simulate")
+        count, beads = self.box.n_fibers, self.box.n_beads
+        x = np.reshape(self.state["positions"], (count, beads, 3))
+        side = np.asarray(self.state["box"], dtype=float)
+        x = x - side * np.floor(x.mean(axis=1, keepdims=True) / side)
+        points = "\n".join(" ".join(f"{v:.9g}" for v in row) for row in x.reshape(-1, 3))
+        lines = "\n".join(
+            " ".join(map(str, (beads, *range(first, first + beads))))
+            for first in range(0, count * beads, beads)
+        )
+        fibers = "\n".join(map(str, range(count)))
+        diameters = "\n".join([f"{self.box.d_f:.9g}"] * (count * beads))
+        table = "LOOKUP_TABLE default"
+        return (
+            f"# vtk DataFile Version 3.0\n{count} fibers in a box of "
+            f"{' x '.join(f'{v:.6g}' for v in side)} m\nASCII\nDATASET POLYDATA\n"
+            f"POINTS {count * beads} double\n{points}\n"
+            f"LINES {count} {count * (beads + 1)}\n{lines}\n"
+            f"CELL_DATA {count}\nSCALARS fiber int 1\n{table}\n{fibers}\n"
+            f"POINT_DATA {count * beads}\nSCALARS diameter double 1\n{table}\n{diameters}\n"
+        )
+
     @checked
     def save(self, path: str | Path) -> Path:
         """Write everything to one ``.npz`` file, which is replaced as a whole."""
@@ -324,9 +356,71 @@ def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> di
 
 
 @checked
-def lay(box: FiberBox, threads: int = 0) -> Any:
-    """Place the fibers at random; return the core's network (see ``feltmb.fiber.simulate``)."""
-    return _core.BeadSpringNetwork(box.core(), threads)
+def lay(box: FiberBox, threads: int = 0, *, directions: npt.ArrayLike | None = None) -> Any:
+    """Place the fibers at random; return the core's network (see ``feltmb.fiber.simulate``).
+
+    Parameters
+    ----------
+    box
+        The fibers; their lengths are equal.
+    threads
+        Number of threads; 0: all cores.
+    directions
+        Direction of each fiber, from its first to its last bead, an array of n_fibers rows x, y, z;
+        default: at random, by ``ratio``.
+    """
+    network = _core.BeadSpringNetwork(box.core(), threads)
+    if directions is None:
+        return network
+    wanted = np.asarray(directions, dtype=float)
+    if wanted.shape != (box.n_fibers, 3):
+        raise InvalidParameter(
+            f"directions: got the shape {wanted.shape}, expected ({box.n_fibers}, 3): x, y and z "
+            "of each fiber (n_fibers)"
+        )
+    lengths = np.linalg.norm(wanted, axis=1)
+    if not (np.all(np.isfinite(lengths)) and np.all(lengths > 0.0)):
+        bad = int(np.flatnonzero(~(np.isfinite(lengths) & (lengths > 0.0)))[0])
+        raise InvalidParameter(
+            f"directions: row {bad + 1} is {shown(wanted[bad].tolist())}, expected finite numbers "
+            "that are not all 0"
+        )
+    state = network.state()
+    x = np.reshape(state["positions"], (box.n_fibers, box.n_beads, 3))
+    center = x.mean(axis=1, keepdims=True)
+    old = x[:, -1] - x[:, 0]
+    old /= np.linalg.norm(old, axis=1, keepdims=True)
+    new = wanted / lengths[:, None]
+    new = np.where(np.sum(old * new, axis=1, keepdims=True) < 0.0, -new, new)  # no sense of a line
+    # Each fiber turns as a rigid body, about its center: its crimp stays.
+    axis, cosine = np.cross(old, new)[:, None], np.sum(old * new, axis=1)[:, None, None]
+    arm = x - center
+    turned = cosine * arm + np.cross(axis, arm)
+    turned += axis * np.sum(axis * arm, axis=2, keepdims=True) / (1.0 + cosine)
+    state["positions"] = (center + turned).ravel()
+    return _core.BeadSpringNetwork(box.core(), state, threads)
+
+
+@checked
+def read_directions(path: str | Path) -> Array:
+    """Read the directions of fibers from a table with the columns x, y and z.
+
+    A row is a fiber; z is the axis of compression. The numbers need not have the length 1.
+
+    Raises
+    ------
+    DataError
+        The file has faults; all of them are in the message.
+    """
+    file = Path(path)
+    columns = read_columns(file)
+    missing = [name for name in "xyz" if not columns.find(name)]
+    if missing:
+        raise DataError(
+            f"{file}: no column {', '.join(missing)}; there are {columns}; expected x, y and z of "
+            "the direction of each fiber"
+        )
+    return np.column_stack([columns.values[columns.find(name)] for name in "xyz"])
 
 
 @checked
@@ -335,6 +429,7 @@ def simulate(
     cycle: Cycle | None = None,
     *,
     resume: FiberRun | None = None,
+    directions: npt.ArrayLike | None = None,
     threads: int = 0,
     progress: Callable[[float, dict[str, Any]], object] | None = None,
     checkpoint: str | Path | None = None,
@@ -348,6 +443,9 @@ def simulate(
         The box of fibers and the cycle of compression.
     resume
         Unfinished run that continues (``box`` and ``cycle`` must be equal).
+    directions
+        Direction of each fiber, from its first to its last bead, an array of n_fibers rows x, y, z;
+        z is the axis of compression. Default: at random, by ``ratio``. Places and crimp are random.
     threads
         Number of threads; 0: all cores. The result does not depend on it.
     progress
@@ -375,6 +473,8 @@ def simulate(
     """
     plan = cycle or Cycle()
     faults = _plan_faults(box, plan)
+    if resume is not None and directions is not None:
+        faults.append("simulate: directions are of the beginning, expected none with resume")
     if resume is not None and (resume.box != box or resume.cycle != plan):
         faults.append("simulate: resume is a run of another box or cycle, expected the same")
     if faults:
@@ -383,7 +483,7 @@ def simulate(
         run = resume
         network = _core.BeadSpringNetwork(box.core(), run.state, threads)
     else:
-        run, network = _begin(box, plan, threads)
+        run, network = _begin(box, plan, threads, directions)
     total_strain = math.log(plan.v_max / box.v_f)
     legs_samples = math.ceil(total_strain / plan.strain_per_step / plan.sample_every)
     strain = total_strain / (legs_samples * plan.sample_every)
@@ -433,9 +533,11 @@ def _plan_faults(box: FiberBox, plan: Cycle) -> list[str]:
     return faults
 
 
-def _begin(box: FiberBox, plan: Cycle, threads: int) -> tuple[FiberRun, Any]:
+def _begin(
+    box: FiberBox, plan: Cycle, threads: int, directions: npt.ArrayLike | None
+) -> tuple[FiberRun, Any]:
     """Place and relax the fibers; the run without samples, and the network of the core."""
-    network = _core.BeadSpringNetwork(box.core(), threads)
+    network = lay(box, threads, directions=directions)
     if plan.v_max > network.densest():
         raise InvalidParameter(
             f"simulate: v_max = {plan.v_max:.6g}, but this box can be compressed to "

@@ -1,4 +1,4 @@
-"""Mechanisms as co-simulation FMUs that run without Python (FMI 3.0 and 2.0)."""
+"""Mechanisms and felts as co-simulation FMUs that run without Python (FMI 3.0 and 2.0)."""
 
 from __future__ import annotations
 
@@ -8,14 +8,15 @@ import platform
 import re
 import sys
 import zipfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 from xml.sax.saxutils import quoteattr
 
 from feltmb import _core
-from feltmb.mechanism import Action, describe, load_action
+from feltmb.contact import Law
+from feltmb.mechanism import Action, LawChoice, core_law, describe, load_action
 from feltmb.run.simulate import refuse_kind
 from feltmb.run.stroke.strokes import MOTORS, PRESCRIBED, UNITS, Kind
 from unmodeled.arguments import checked
@@ -23,7 +24,7 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, write_file
 
 #: Value references of variables, as in cpp/fmu/unit.hpp.
-_TIME, _INPUT, _TOLERANCE, _OUTPUTS = 0, 1, 2, 1000
+_TIME, _INPUT, _TOLERANCE, _RATE, _OUTPUTS = 0, 1, 2, 3, 1000
 _PEAKS, _STARTS, _PARAMETERS = 50_000, 90_000, 100_000
 
 #: Exponents of kg, m, s, rad by symbol.
@@ -130,8 +131,7 @@ def export_fmu(
     refuse_kind(action, drive, f"the input of the unit is a {drive}")
     if hold is None:
         hold = "linear" if drive == "motion" else "zero"
-    binary, folder = _binary(version)
-
+    _binary(version)
     description = describe(action.config)
     stepper = _core.Stepper(
         action.mechanism,
@@ -166,22 +166,118 @@ def export_fmu(
     order = max_order or 0
     token = hashlib.sha256(f"{drive} {hold} {method} {order} {rtol!r} {body}".encode()).hexdigest()
     machine = f"feltmb-unit {token} {drive} {hold} {method} {order} {rtol!r}\n{body}"
-    identifier = re.sub(r"\W", "_", action.name, flags=re.ASCII) or "mechanism"
+    return _write(path, version, action.name, token, variables, {"machine.txt": machine}, force)
+
+
+@checked
+def export_felt(
+    law: Law | LawChoice | _core.ContactLaw,
+    path: str | Path,
+    *,
+    name: str = "",
+    version: Literal["3.0", "2.0"] = "3.0",
+    parameters: str | Iterable[str] = "*",
+    force: bool = False,
+) -> Path:
+    """Write a contact law as a co-simulation FMU for this platform.
+
+    The FMU contains the law and its own binary; it does not need Python. Inputs: ``compression``
+    [m], > 0 in contact, and ``rate`` [m/s], its time derivative. Outputs: ``force`` [N], which
+    pushes apart, and ``energy`` [J], the stored energy. Memory and parameters are in its state. The
+    numbers of the law are parameters (``law.kappa``), the table of a loop is not.
+
+    The force at an input is that of ``law.step`` along the inputs. Behind a step, until the input
+    is set again, it is that of ``law.peek`` at ``compression + rate * duration``. Before the first
+    step the felt is at rest under its compression.
+
+    Parameters
+    ----------
+    law
+        A law (:func:`feltmb.contact.law`), a contact of a mechanism, or the law of an envelope
+        (:meth:`feltmb.felt.FeltEnvelope.law`).
+    path
+        File of the FMU, ``.fmu``.
+    name
+        Name of the model; default: the name of the law.
+    version
+        Version of FMI.
+    parameters
+        Names of the values that become parameters, such as ``law.kappa``, with ``*`` for any part;
+        default: all.
+    force
+        Replace an existing file.
+
+    Returns
+    -------
+    Path
+        The written file.
+
+    Raises
+    ------
+    InvalidParameter
+        A pattern matches no parameter, or the law is a compiled function.
+    FileExists
+        The file exists and ``force`` is false.
+    """
+    path = Path(path)
+    check_suffix(path, ".fmu")
+    core = law.core if isinstance(law, Law) else law
+    if not isinstance(core, _core.ContactLaw):
+        core = core_law(core)
+    body = _core.write_law(core)
+    # A law may have a number with the name of an input or of the time.
+    numbers = [
+        _number(_PARAMETERS + i, {**row, "path": f"law.{row['path']}"})
+        for i, row in enumerate(_core.law_numbers(core))
+    ]
+    variables = [
+        _Variable("time", _TIME, "independent", "continuous", "s", "time"),
+        _Variable(
+            "compression", _INPUT, "input", "continuous", "m",
+            "compression of the felt, > 0 in contact", 0.0,
+        ),
+        _Variable(
+            "rate", _RATE, "input", "continuous", "m/s",
+            "time derivative of the compression, with which it goes on until it is set again", 0.0,
+        ),
+        _Variable("force", _OUTPUTS, "output", "continuous", "N", "force, pushes apart"),
+        _Variable("energy", _OUTPUTS + 1, "output", "continuous", "J", "stored energy"),
+        *_wanted(numbers, parameters, core.name),
+    ]  # fmt: skip
+    name = name or core.name
+    token = hashlib.sha256(body.encode()).hexdigest()
+    text = f"feltmb-felt {token}\n{body}"
+    return _write(path, version, name, token, variables, {"felt.txt": text}, force)
+
+
+def _write(
+    path: Path,
+    version: str,
+    name: str,
+    token: str,
+    variables: list[_Variable],
+    resources: Mapping[str, str],
+    force: bool,
+) -> Path:
+    """Write a unit: description, binary and resources."""
+    binary, folder = _binary(version)
+    identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "mechanism"
     if identifier[0].isdigit():
         identifier = f"m_{identifier}"
-    xml = _description(version, action.name, identifier, token, variables)
+    xml = _description(version, name, identifier, token, variables)
+    files = {
+        "modelDescription.xml": xml.encode(),
+        f"binaries/{folder}/{identifier}.so": binary.read_bytes(),
+        **{f"resources/{file}": text.encode() for file, text in resources.items()},
+    }
 
     def write(target: Path) -> None:
         with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
-            for name, data in (
-                ("modelDescription.xml", xml.encode()),
-                (f"binaries/{folder}/{identifier}.so", binary.read_bytes()),
-                ("resources/machine.txt", machine.encode()),
-            ):
+            for file, data in files.items():
                 # Equal mechanisms give equal bytes.
-                info = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
+                info = zipfile.ZipInfo(file, (1980, 1, 1, 0, 0, 0))
                 info.compress_type = zipfile.ZIP_DEFLATED
-                info.external_attr = (0o755 if name.endswith(".so") else 0o644) << 16
+                info.external_attr = (0o755 if file.endswith(".so") else 0o644) << 16
                 archive.writestr(info, data)
 
     return write_file(path, write, force=force)
@@ -251,22 +347,7 @@ def _parameters(
         acts = drive == "motion" or not row["path"].startswith("finger.pad.")
         if not wants(row["path"], acts=acts):
             continue
-        # A limit that is itself not permitted cannot be stated.
-        low = None if row["low_open"] else row["low"]
-        high = None if row["high_open"] else row["high"]
-        found.append(
-            _Variable(
-                row["path"],
-                _PARAMETERS + i,
-                "parameter",
-                "fixed",
-                row["unit"] or "1",
-                row["meaning"],
-                row["value"],
-                low,
-                high,
-            )
-        )
+        found.append(_number(_PARAMETERS + i, row))
     for pattern, hit, without_effect in zip(patterns, used, idle, strict=True):
         if not hit and without_effect:
             raise InvalidParameter(
@@ -277,6 +358,31 @@ def _parameters(
         if not hit:
             raise InvalidParameter(f"parameters: {pattern!r} matches no number of {action.name!r}")
     return found
+
+
+def _number(reference: int, row: Mapping[str, Any]) -> _Variable:
+    """A real number of a description as a parameter."""
+    # A limit that is itself not permitted cannot be stated.
+    low = None if row["low_open"] else row["low"]
+    high = None if row["high_open"] else row["high"]
+    unit, text = row["unit"] or "1", row["meaning"]
+    return _Variable(
+        row["path"], reference, "parameter", "fixed", unit, text, row["value"], low, high
+    )
+
+
+def _wanted(
+    numbers: Sequence[_Variable], wanted: str | Iterable[str], name: str
+) -> list[_Variable]:
+    """The numbers of a law that match a pattern."""
+    patterns = [wanted] if isinstance(wanted, str) else list(wanted)
+    for pattern in patterns:
+        if pattern != "*" and not any(fnmatch.fnmatchcase(n.name, pattern) for n in numbers):
+            raise InvalidParameter(
+                f"parameters: {pattern!r} matches no number of the law {name}, expected some of "
+                f"{', '.join(n.name for n in numbers) or 'none'}"
+            )
+    return [n for n in numbers if any(fnmatch.fnmatchcase(n.name, p) for p in patterns)]
 
 
 def _starts(action: Action, wants: Callable[[str], bool]) -> list[_Variable]:

@@ -339,9 +339,17 @@ def test_a_vicon_export_without_trajectories_is_refused(tmp_path, text):
 
 @pytest.mark.parametrize(
     ("header", "encoding"),
-    [("Größe [mm]", "cp1252"), ("größe °C µm [mm]", "cp1252"), ("位移", "gb18030")],
+    [
+        ("Größe [mm]", "cp1252"),
+        ("größe °C µm [mm]", "cp1252"),
+        ("“Höhe” – Größe [mm]", "cp1252"),
+        ("déplacement état [mm]", "cp1252"),
+        ("位移", "gb18030"),
+        ("変位", "cp932"),
+        ("ストローク ｻｲｸﾙ回数", "cp932"),
+    ],
 )
-def test_chinese_and_western_code_pages_are_told_apart(tmp_path, header, encoding):
+def test_chinese_japanese_and_western_code_pages_are_told_apart(tmp_path, header, encoding):
     path = write(tmp_path / "e.csv", [f"t [s],{header}"], [[0, 1, 2], [1, 2, 3]], ",", encoding)
-    options = ReadOptions(units={"位移": "mm"} if encoding == "gb18030" else {})
+    options = ReadOptions(units={} if encoding == "cp1252" else {header: "mm"})
     assert next(iter(read_record(path, options=options).outputs)) in header

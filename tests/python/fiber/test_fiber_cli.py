@@ -127,3 +127,20 @@ def test_simulate_and_resume(tmp_path):
     assert "no such file" in run("simulate", tmp_path / "none.npz", "--resume", code=2)
     assert "n_fibers" in run("simulate", tmp_path / "x.npz", "--fibers", 1, code=2)
     assert not (tmp_path / "x.npz").exists()
+
+
+def test_directions_in_and_fibers_out(tmp_path):
+    table, out, vtk = (tmp_path / name for name in ("dirs.csv", "run.npz", "run.vtk"))
+    table.write_text("x,y,z\n" + "1,0,0\n0,1,0\n" * 12)
+    given = ["--beads", 11, "--v-f", 0.03, "--v-max", 0.036, "--strain-per-step", 5e-4]
+    text = run("simulate", out, *given, "--orientation", table, "--vtk", vtk, "--samples", 1)
+    assert "24 fibers" in text
+    assert "porosity" in text
+    assert "0.97" in text
+    assert vtk.read_text().splitlines()[0] == "# vtk DataFile Version 3.0"
+    text = run("simulate", out, "--resume", "--orientation", table, "--vtk", vtk, code=2)
+    assert "exists" in text
+    text = run("simulate", out, "--resume", *given, "--orientation", table, code=2)
+    assert "directions are of the beginning" in text
+    text = run("simulate", tmp_path / "b.npz", "--fibers", 9, "--orientation", table, code=2)
+    assert "got the shape (24, 3), expected (9, 3)" in text

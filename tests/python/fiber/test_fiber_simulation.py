@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 
 from feltmb._core import fiber as core
-from feltmb.fiber import Cycle, FiberBox, FiberRun, contacts_per_volume, lay, simulate
+from feltmb.fiber import (
+    Cycle,
+    FiberBox,
+    FiberRun,
+    contacts_per_volume,
+    lay,
+    read_directions,
+    simulate,
+)
 from unmodeled.errors import DataError, InvalidParameter
 
 SMALL = FiberBox(n_fibers=40, n_beads=11, v_f=0.05, crimp=0.2, seed=3, drag=0.05)
@@ -209,3 +217,74 @@ def test_bad_input(tmp_path):
     state["box"] = np.ones(2)
     with pytest.raises(InvalidParameter, match="box has 2 numbers"):
         with_state(SMALL, state)
+
+
+def fibers_of(network, box):
+    return np.reshape(network.state()["positions"], (box.n_fibers, box.n_beads, 3))
+
+
+def test_directions_turn_each_fiber_and_keep_its_place_and_crimp(tmp_path):
+    wanted = np.random.default_rng(4).normal(size=(SMALL.n_fibers, 3))
+    same = fibers_of(lay(SMALL, 1), SMALL)[0]
+    wanted[0] = -7.0 * (same[-1] - same[0])  # a line has no sense
+    table = tmp_path / "directions.csv"
+    np.savetxt(table, wanted, "%.17g", ",", header="x,y,z", comments="")
+    random, turned = lay(SMALL, 1), lay(SMALL, 1, directions=read_directions(table))
+    before, after = fibers_of(random, SMALL), fibers_of(turned, SMALL)
+    assert np.allclose(after.mean(axis=1), before.mean(axis=1), rtol=0.0, atol=1e-15)
+    ends = after[:, -1] - after[:, 0]
+    cosine = np.sum(ends * wanted, axis=1) / np.linalg.norm(ends, axis=1)
+    assert np.allclose(np.abs(cosine), np.linalg.norm(wanted, axis=1), rtol=1e-12)
+    # A rigid motion: all distances within a fiber stay.
+    for x, y in zip(before, after, strict=True):
+        gaps = [np.linalg.norm(f[:, None] - f, axis=2) for f in (x, y)]
+        assert np.allclose(*gaps, rtol=0.0, atol=1e-12 * SMALL.segment_length * SMALL.n_beads)
+    assert turned.sample()["bending"] == pytest.approx(0.0, abs=1e-20)
+    cycle = Cycle(v_max=0.06, relax_steps=0)
+    run = simulate(SMALL, cycle, directions=wanted, max_samples=1)
+    assert run.laid["f"] != simulate(SMALL, cycle, max_samples=1).laid["f"]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        (np.zeros((3, 3)), r"got the shape \(3, 3\), expected \(40, 3\)"),
+        (np.eye(40)[:, :3], r"row 4 is \[0.0, 0.0, 0.0\], expected finite"),
+    ],
+)
+def test_bad_directions(wanted, message):
+    with pytest.raises(InvalidParameter, match=message):
+        lay(SMALL, 1, directions=wanted)
+
+
+def test_a_table_without_directions_is_refused(tmp_path):
+    (tmp_path / "a.csv").write_text("x,y\n1,2\n3,4\n5,6\n")
+    with pytest.raises(DataError, match="no column z; there are x, y; expected x, y and z"):
+        read_directions(tmp_path / "a.csv")
+
+
+def test_the_fibers_as_a_vtk_file():
+    """Points, lines and diameters of PolyData, each fiber in one piece with its center inside."""
+    run = simulate(SMALL, Cycle(v_max=0.06, relax_steps=0), max_samples=1)
+    lines = run.to_vtk().splitlines()
+    assert lines[0] == "# vtk DataFile Version 3.0"
+    assert lines[2:4] == ["ASCII", "DATASET POLYDATA"]
+    assert lines[4] == "POINTS 440 double"
+    points = np.array([line.split() for line in lines[5:445]], dtype=float)
+    assert lines[445] == "LINES 40 480"
+    cells = np.array([line.split() for line in lines[446:486]], dtype=int)
+    assert np.array_equal(cells[:, 0], np.full(40, 11))
+    assert np.array_equal(cells[:, 1:].ravel(), np.arange(440))
+    assert lines[486:489] == ["CELL_DATA 40", "SCALARS fiber int 1", "LOOKUP_TABLE default"]
+    assert [int(line) for line in lines[489:529]] == list(range(40))
+    assert lines[529:532] == ["POINT_DATA 440", "SCALARS diameter double 1", "LOOKUP_TABLE default"]
+    assert [float(line) for line in lines[532:]] == [25e-6] * 440
+    x = np.reshape(run.state["positions"], (40, 11, 3))
+    shown, side = points.reshape(40, 11, 3), np.asarray(run.state["box"])
+    moved = (shown - x) / side
+    assert np.allclose(moved, np.round(moved), rtol=0.0, atol=1e-6)
+    center = shown.mean(axis=1)
+    assert np.all((center > -1e-9) & (center < side + 1e-9))
+    assert np.allclose(np.diff(shown, axis=1), np.diff(x, axis=1), rtol=0.0, atol=2e-12)
+    with pytest.raises(InvalidParameter, match="no state"):
+        FiberRun(SMALL, Cycle()).to_vtk()

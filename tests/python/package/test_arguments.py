@@ -380,6 +380,12 @@ def csv_compression():
     return path
 
 
+def csv_directions():
+    path = Path("directions.csv")
+    path.write_text("x,y,z\n1,0,0\n0,1,0.5\n", encoding="utf-8")
+    return path
+
+
 #: "module.function" or "module.Class" -> arguments; "module.Class.method" -> object, arguments.
 CALLS = {
     # feltmb
@@ -573,6 +579,14 @@ CALLS = {
         feltmb.Machine(pendulum()),
         {"state": feltmb.Machine(pendulum()).state()},
     ),
+    "feltmb.export_felt": lambda: {
+        "law": feltmb.contact.law("kelvin_voigt", stiffness=1e4),
+        "path": "felt.fmu",
+        "name": "pad",
+        "version": "2.0",
+        "parameters": ["law.*"],
+        "force": False,
+    },
     "feltmb.export_fmu": lambda: {
         "action": pendulum(),
         "path": "unit.fmu",
@@ -905,7 +919,11 @@ CALLS = {
         "params": {"stiffness": 1e9, "exponent": 2.5, "amplitude": 0.9, "time": 1e-3},
     },
     "feltmb.fiber.law": lambda: {"model": "van_wyk", "params": wyk()},
-    "feltmb.fiber.lay": lambda: {"box": BOX, "threads": 1},
+    "feltmb.fiber.lay": lambda: {
+        "box": BOX,
+        "threads": 1,
+        "directions": np.eye(3)[np.arange(BOX.n_fibers) % 3],
+    },
     "feltmb.fiber.narter_tensors": lambda: {
         "eeee": ISOTROPIC,
         "E": 1e9,
@@ -919,10 +937,12 @@ CALLS = {
         "thickness0": None,
         "area": None,
     },
+    "feltmb.fiber.read_directions": lambda: {"path": csv_directions()},
     "feltmb.fiber.simulate": lambda: {
         "box": BOX,
         "cycle": CYCLE,
         "resume": None,
+        "directions": None,
         "threads": 1,
         "progress": None,
         "checkpoint": None,

@@ -28,4 +28,9 @@ struct DescriptionNumber {
 /// All real numbers, in the order of the description.
 std::vector<DescriptionNumber> numbers_of(MechanismDescription& description);
 
+/// The same for a contact law alone; its numbers have the names of its fields ("kappa").
+std::string write_law(const LawParameters& law);
+LawParameters read_law(const std::string& text);
+std::vector<DescriptionNumber> numbers_of(LawParameters& law);
+
 }  // namespace feltmb

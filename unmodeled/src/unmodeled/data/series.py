@@ -25,7 +25,7 @@ MOST_FAULTS = 1000
 #: Usual names of the columns of a quantity, in machines and in other languages.
 _CALLED = {
     "time": "time t timestamp rosbag_timestamp elapsed_time date_time zeit prüfzeit uhrzeit temps "
-    "tiempo",
+    "tiempo 时间 時間 経過時間",
     "force": "force load load_cell kraft standardkraft f",
     "displacement": "displacement extension travel stroke position crosshead compression weg "
     "standardweg traverse traversenweg verformung",

@@ -98,7 +98,7 @@ def plain_name(name: str) -> str:
 
 
 def text_lines(data: bytes, path: Path) -> Lines:
-    """Non-empty lines of a text in UTF-8, UTF-16, GB18030, or else Windows-1252."""
+    """Non-empty lines of a text in UTF-8, UTF-16, GB18030, Shift JIS, or else Windows-1252."""
     encoding = "utf-8-sig"
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         encoding = "utf-16"
@@ -112,7 +112,8 @@ def text_lines(data: bytes, path: Path) -> Lines:
         # Older instruments use the code page of their system for umlauts and signs of units.
         if encoding != "utf-8-sig" or b"\x00" in data:
             raise DataError(f"{path}: is no text (byte {fault.start})") from None
-        text = data.decode("gb18030" if _is_chinese(data) else "cp1252", errors="replace")
+        page = "gb18030" if _is_chinese(data) else "cp932" if _is_japanese(data) else "cp1252"
+        text = data.decode(page, errors="replace")
     texts = re.split(r"\r\n|\r|\n", text)  # as editors count them
     return Lines(texts, np.arange(1, len(texts) + 1)).where(lambda line: bool(line.strip()))
 
@@ -126,6 +127,19 @@ def _is_chinese(data: bytes) -> bool:
     pairs = [run[i : i + 2] for run in runs for i in range(0, len(run), 2)]
     common = [len(p) == 2 and 0xA1 <= p[0] <= 0xD7 and p[1] >= 0xA1 for p in pairs]
     return all(len(run) % 2 == 0 for run in runs) and 2 * sum(common) > len(pairs)
+
+
+def _is_japanese(data: bytes) -> bool:
+    """Whether it is Shift JIS, and most characters above ASCII are kana or frequent kanji.
+
+    Windows-1252 is seldom valid Shift JIS, and then has rare kanji or half-width kana.
+    """
+    try:
+        above = [c for c in data.decode("cp932") if ord(c) > 0x7F]
+    except UnicodeDecodeError:
+        return False
+    common = ["\u3041" <= c <= "\u30fc" or 0x88 <= c.encode("cp932")[0] <= 0x97 for c in above]
+    return 2 * sum(common) > len(above)
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
