@@ -55,7 +55,7 @@ std::vector<Crossing> crossings(double x0, double v0, double end) {
   Integrator integrator(system, o);
   EventLocator locator(system);
   const std::vector<double> y{x0, v0};
-  integrator.start(0.0, y, true);
+  integrator.start(0.0, y);
   locator.start(0.0, y);
   std::vector<Crossing> all;
   StepStatus status = StepStatus::kStep;

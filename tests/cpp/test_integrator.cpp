@@ -16,7 +16,7 @@ namespace {
 
 using namespace feltmb;
 
-/// y' = A y + forcing sin(t) e_0, with the quadrature of y_0.
+/// y' = A y.
 class Linear : public OdeSystem {
  public:
   explicit Linear(Eigen::MatrixXd a) : a_(std::move(a)) {}
@@ -37,8 +37,6 @@ class Linear : public OdeSystem {
     Eigen::Map<Eigen::VectorXd> x(b.data(), a_.rows());
     x = lu_.solve(x).eval();
   }
-  std::size_t n_quadratures() const override { return 1; }
-  void quadratures(double, std::span<const double> y, std::span<double> h) override { h[0] = y[0]; }
 
   double fail_after = INFINITY;
   double nan_after = INFINITY;
@@ -52,7 +50,6 @@ IntegratorOptions options(std::size_t n, double rtol) {
   IntegratorOptions o;
   o.rtol = rtol;
   o.atol.assign(n, rtol * 1e-3);
-  o.quadrature_atol.assign(1, rtol * 1e-3);
   return o;
 }
 
@@ -86,7 +83,7 @@ double largest_error(double rtol) {
   Integrator integrator(system, options(system.size(), rtol));
   std::vector<double> y(system.size(), 0.0);
   for (std::size_t i = 0; i < y.size(); i += 2) y[i] = 1.0;
-  integrator.start(0.0, y, true);
+  integrator.start(0.0, y);
   double worst = 0.0;
   while (integrator.step(1.0) == StepStatus::kStep) {
     for (int i = 0; i < count; ++i) {
@@ -117,7 +114,7 @@ TEST_CASE("vector kernels: copies of one equation stay equal to the bit, for eve
   for (int n = 1; n <= 35; ++n) {
     Linear system(-30.0 * Eigen::MatrixXd::Identity(n, n));
     Integrator integrator(system, options(system.size(), 1e-7));
-    integrator.start(0.0, std::vector<double>(system.size(), 1.0), true);
+    integrator.start(0.0, std::vector<double>(system.size(), 1.0));
     CHECK(run_to(integrator, 0.3) == StepStatus::kStop);
     const auto y = integrator.state();
     for (const double value : y) CHECK(value == y[0]);
@@ -134,7 +131,7 @@ TEST_CASE("vector kernels: every entry follows its own exponential, for every le
     for (int i = 0; i < n; ++i) a(i, i) = -1.0 - 3.0 * i;
     Linear system(a);
     Integrator integrator(system, options(system.size(), 1e-9));
-    integrator.start(0.0, std::vector<double>(system.size(), 1.0), true);
+    integrator.start(0.0, std::vector<double>(system.size(), 1.0));
     run_to(integrator, 0.5);
     for (int i = 0; i < n; ++i) {
       CHECK(std::fabs(integrator.state()[static_cast<std::size_t>(i)] -
@@ -143,31 +140,10 @@ TEST_CASE("vector kernels: every entry follows its own exponential, for every le
   }
 }
 
-TEST_CASE("quadratures are integrals, and go on through a restart") {
-  Linear system(-2.0 * Eigen::MatrixXd::Identity(3, 3));
-  Integrator integrator(system, options(3, 1e-9));
-  integrator.start(0.0, std::vector<double>(3, 1.0), true);
-  run_to(integrator, 0.4);
-  double value = 0.0;
-  integrator.interpolate_quadratures(0.4, {&value, 1});
-  CHECK(value == doctest::Approx(0.5 * (1.0 - std::exp(-0.8))).epsilon(1e-7));
-  const std::vector<double> y(integrator.state().begin(), integrator.state().end());
-  const long steps = integrator.counts().steps;
-  integrator.start(0.4, y, false);
-  run_to(integrator, 1.0);
-  integrator.interpolate_quadratures(1.0, {&value, 1});
-  CHECK(value == doctest::Approx(0.5 * (1.0 - std::exp(-2.0))).epsilon(1e-7));
-  CHECK(integrator.counts().steps > steps);
-  integrator.start(1.0, y, true);
-  run_to(integrator, 1.4);
-  integrator.interpolate_quadratures(1.4, {&value, 1});
-  CHECK(value == doctest::Approx(std::exp(-0.8) * 0.5 * (1.0 - std::exp(-0.8))).epsilon(1e-6));
-}
-
 TEST_CASE("dense output within the last step") {
   Linear system(-1.0 * Eigen::MatrixXd::Identity(1, 1));
   Integrator integrator(system, options(1, 1e-8));
-  integrator.start(0.0, std::vector<double>{1.0}, true);
+  integrator.start(0.0, std::vector<double>{1.0});
   double value = 0.0;
   while (integrator.step(2.0) == StepStatus::kStep) {
     const double t = integrator.time() - 0.37 * integrator.last_step();
@@ -181,7 +157,7 @@ TEST_CASE("an exception of the system comes out of step, with its own words") {
   Linear system(-1.0 * Eigen::MatrixXd::Identity(2, 2));
   system.fail_after = 0.5;
   Integrator integrator(system, options(2, 1e-6));
-  integrator.start(0.0, std::vector<double>(2, 1.0), true);
+  integrator.start(0.0, std::vector<double>(2, 1.0));
   CHECK_THROWS_WITH_AS(run_to(integrator, 1.0), "beyond the end", ModelError);
 }
 
@@ -189,7 +165,7 @@ TEST_CASE("a right-hand side that turns NaN fails with a message and keeps what 
   Linear system(-1.0 * Eigen::MatrixXd::Identity(2, 2));
   system.nan_after = 0.5;
   Integrator integrator(system, options(2, 1e-6));
-  integrator.start(0.0, std::vector<double>(2, 1.0), true);
+  integrator.start(0.0, std::vector<double>(2, 1.0));
   CHECK(run_to(integrator, 1.0) == StepStatus::kFailed);
   CHECK(!integrator.message().empty());
   CHECK(integrator.time() > 0.3);
@@ -213,7 +189,7 @@ TEST_CASE("options out of range are refused") {
   o.long_order = 6;
   CHECK_THROWS_AS(Integrator(system, o), InvalidParameter);
   Integrator integrator(system, options(2, 1e-6));
-  CHECK_THROWS_AS(integrator.start(0.0, std::vector<double>(3, 1.0), true), InvalidParameter);
+  CHECK_THROWS_AS(integrator.start(0.0, std::vector<double>(3, 1.0)), InvalidParameter);
 }
 
 TEST_CASE("limits on order and step are kept") {
@@ -222,7 +198,7 @@ TEST_CASE("limits on order and step are kept") {
   o.max_order = 2;
   o.max_step = 1e-3;
   Integrator integrator(system, o);
-  integrator.start(0.0, std::vector<double>{1.0, 0.0}, true);
+  integrator.start(0.0, std::vector<double>{1.0, 0.0});
   while (integrator.step(0.1) == StepStatus::kStep) {
     CHECK(integrator.last_order() <= 2);
     CHECK(integrator.last_step() <= 1e-3 * (1.0 + 1e-9));
@@ -241,7 +217,7 @@ TEST_CASE("long steps have a lower order, short ones may have the highest") {
   o.long_order = 3;
   o.stable_step = 8e-4;
   Integrator integrator(system, o);
-  integrator.start(0.0, std::vector<double>{1.0, 0.0, 1.0, 0.0}, true);
+  integrator.start(0.0, std::vector<double>{1.0, 0.0, 1.0, 0.0});
   int highest = 0;
   double longest = 0.0;
   while (integrator.step(6.0) == StepStatus::kStep) {
@@ -252,7 +228,4 @@ TEST_CASE("long steps have a lower order, short ones may have the highest") {
   CHECK(highest == 5);
   CHECK(longest > 10.0 * o.stable_step);
   CHECK(integrator.state()[0] == doctest::Approx(std::cos(6.0)).epsilon(1e-3));
-  std::vector<double> integral(1);
-  integrator.interpolate_quadratures(6.0, integral);
-  CHECK(integral[0] == doctest::Approx(std::sin(6.0)).epsilon(1e-3));
 }

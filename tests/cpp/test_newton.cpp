@@ -56,7 +56,7 @@ IntegratorCounts counts_to(FastAndSlow& system, double end, double* last) {
   o.rtol = 1e-6;
   o.atol.assign(2, 1e-9);
   Integrator integrator(system, o);
-  integrator.start(0.0, std::vector<double>{0.0, 1.0}, true);
+  integrator.start(0.0, std::vector<double>{0.0, 1.0});
   StepStatus status = StepStatus::kStep;
   while (status == StepStatus::kStep) status = integrator.step(end);
   REQUIRE(status == StepStatus::kStop);

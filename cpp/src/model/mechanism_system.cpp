@@ -53,14 +53,14 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Inp
   phi_.resize(at(m.total_shapes));
   dphi_.resize(at(m.total_shapes));
   if (ledger) {
-    quadrature_names_ = {"work_in", "work_throughput"};
+    ledger_names_ = {"work_in", "work_throughput"};
     for (const auto& c : m.contacts) {
-      quadrature_names_.push_back("dissipated." + c.name + ".normal");
-      quadrature_names_.push_back("dissipated." + c.name + ".friction");
+      ledger_names_.push_back("dissipated." + c.name + ".normal");
+      ledger_names_.push_back("dissipated." + c.name + ".friction");
     }
-    for (const auto& k : m.coordinates) quadrature_names_.push_back("dissipated.joint." + k);
-    for (const auto& s : m.strings) quadrature_names_.push_back("dissipated." + s.name);
-    for (const auto& b : m.beams) quadrature_names_.push_back("dissipated." + b.name);
+    for (const auto& k : m.coordinates) ledger_names_.push_back("dissipated.joint." + k);
+    for (const auto& s : m.strings) ledger_names_.push_back("dissipated." + s.name);
+    for (const auto& b : m.beams) ledger_names_.push_back("dissipated." + b.name);
   }
   if (events) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
@@ -89,6 +89,7 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Inp
   single_.change.assign(DenseLu::padded(stateful_.size()), 0.0);
   single_.residual = single_.change;
   rhs_state_.resize(size());
+  finger_load_.setZero(n_);
   rhs_largest_.resize(m.contacts.size());
   residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
   right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(at(n_) + couplings_.size() + 1)));
@@ -783,11 +784,14 @@ void MechanismSystem::read_events(std::span<double> g) const {
   }
 }
 
-void MechanismSystem::quadratures(double t, std::span<const double> y, std::span<double> h) {
-  evaluate_apart(t, y);
-  // The contacts are where a right-hand side would leave them, but at another state than the last.
-  rhs_time_ = t;
-  fresh_ = false;
+void MechanismSystem::powers(double t, std::span<const double> y, std::span<double> out) {
+  if (!(t == rhs_time_)) {
+    evaluate_apart(t, y);
+    // The contacts are where a right-hand side would leave them, but at another state than the
+    // last.
+    rhs_time_ = t;
+    fresh_ = false;
+  }
   const Mechanism& m = mechanism();
   const MechanicalState p = parts(y);
   const Drive now = drive(t);
@@ -800,31 +804,37 @@ void MechanismSystem::quadratures(double t, std::span<const double> y, std::span
   } else if (now.kind == InputKind::kMotion) {
     power = dynamics_.contacts()[at(m.finger_contact)].law.force * now.speed;
   } else if (now.force != 0.0) {
-    power = now.force * dot(m.finger_direction, dynamics_.velocity(m.finger_point));
+    // With the accepted speeds: those of the last right-hand side may be off by all of Newton's
+    // correction, which is many tolerances where one iteration was enough.
+    const Vec2 force = now.force * m.finger_direction;
+    finger_load_.setZero();
+    dynamics_.add_wrench(m.finger_point.link, force,
+                         cross(dynamics_.position(m.finger_point), force), finger_load_);
+    power = finger_load_.dot(Eigen::Map<const Eigen::VectorXd>(p.v.data(), n_));
   }
   std::size_t i = 0;
-  h[i++] = power;
-  h[i++] = std::fabs(power);
+  out[i++] = power;
+  out[i++] = std::fabs(power);
   for (std::size_t c = 0; c < m.contacts.size(); ++c) {
     const ContactState& s = dynamics_.contacts()[c];
     if (!s.closed && m.contacts[c].law.n_states() == 0) {
-      h[i++] = 0.0;
-      h[i++] = 0.0;
+      out[i++] = 0.0;
+      out[i++] = 0.0;
       continue;
     }
-    h[i++] = m.contacts[c].law.dissipated_power(s.closed ? s.compression : 0.0,
-                                                s.closed ? s.rate : 0.0, dynamics_.memory(c));
-    h[i++] = s.friction.value * s.law.force * s.slip;
+    out[i++] = m.contacts[c].law.dissipated_power(s.closed ? s.compression : 0.0,
+                                                  s.closed ? s.rate : 0.0, dynamics_.memory(c));
+    out[i++] = s.friction.value * s.law.force * s.slip;
   }
-  for (int k = 0; k < n_; ++k) h[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
+  for (int k = 0; k < n_; ++k) out[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
   for (const auto& s : m.strings) {
     // What a free string loses is counted from its energy.
-    h[i++] =
+    out[i++] =
         apart_ ? 0.0
                : s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
-    h[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
+    out[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
   }
 }
 

@@ -14,6 +14,7 @@
 #include "feltmb/model/linear_machine.hpp"
 #include "feltmb/model/stepper.hpp"
 #include "feltmb/numeric/bracketing.hpp"
+#include "feltmb/ode/adams_quadrature.hpp"
 #include "feltmb/ode/events.hpp"
 
 namespace feltmb {
@@ -260,6 +261,8 @@ class Run {
         mechanism_(mechanism),
         system_(mechanism, input, options.ledger, monitors, options.events),
         locator_(system_),
+        ledger_(system_.ledger_names().size()),
+        power_(ledger_.size()),
         modal_(options.method != Method::kCvode && !mechanism->strings.empty()),
         whole_size_(system_.size()),
         string_heat_(mechanism->strings.size(), 0.0),
@@ -350,8 +353,9 @@ class Run {
       (system_.strings_apart() ? apart_ : whole_) = make_integrator(!system_.strings_apart());
     }
     Integrator* integrator = current();
-    integrator->start(0.0, state_of(y_), true);
-    sample(0.0, y_, nullptr);
+    ledger_.reset();
+    start_at(*integrator, 0.0);
+    sample(0.0, y_);
     if (!broken_.empty()) {
       throw InvalidParameter("start state: " + broken_ + "; is the run that it is from damaged?");
     }
@@ -373,28 +377,33 @@ class Run {
         break;
       }
       ++steps;
-      // First, since it reads the contacts of the last right-hand side.
+      // First, since they read the contacts of the last right-hand side.
+      const double reached = integrator->time();
+      if (ledger_.size() > 0) {
+        system_.powers(reached, integrator->state(), power_);
+        read_felts(felt_after_);
+      }
       Reversal reversal = find_reversal(*integrator);
       const double strike = find_strike(*integrator);
       if (strike < reversal.time) reversal.contact = -1;
-      const bool struck = strike < integrator->time() && reversal.contact < 0;
-      const double now = reversal.contact >= 0 ? reversal.time
-                         : struck              ? strike
-                                               : integrator->time();
+      const bool struck = strike < reached && reversal.contact < 0;
+      const double now = reversal.contact >= 0 ? reversal.time : struck ? strike : reached;
       if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
         sample_until(*integrator, now);
         fail_at(now, beyond);
         break;
       }
       for (auto& watch : watches_) watch.look(system_, *integrator, now, scratch_);
+      for (const Crossing& crossing : locator_.scan(*integrator, now)) {
+        record_event(*integrator, crossing);
+      }
+      if (ledger_.size() > 0) advance_ledger(*integrator, now, reversal);
       sample_until(*integrator, now);
       if (!broken_.empty()) {
         fail_at(last_sample_, broken_);
         break;
       }
-      for (const Crossing& crossing : locator_.scan(*integrator, now)) {
-        record_event(*integrator, crossing);
-      }
+      if (now < reached) ledger_.cut(now);
       if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
       const bool free = system_.strings_apart();
       if (reversal.contact >= 0) {
@@ -416,7 +425,7 @@ class Run {
         } else if (restart) {
           // The slope of the input jumps here: the multistep history is void.
           std::copy(integrator->state().begin(), integrator->state().end(), y_.begin());
-          integrator->start(now, state_of(y_), false);
+          start_at(*integrator, now);
           ++result_.restarts;
         }
       } else if (leaving_) {
@@ -510,7 +519,6 @@ class Run {
 
   std::unique_ptr<Integrator> make_integrator(bool with_strings) {
     IntegratorOptions o;
-    o.quadrature_atol.assign(system_.n_quadratures(), options_.rtol * kLedgerTolerance);
     o.max_step = options_.max_step;
     // The integrator weighs the mean square of all errors. Strings at rest have none: without
     // them the same tolerance would ask for more of the rest.
@@ -523,7 +531,86 @@ class Run {
     return std::make_unique<Integrator>(system_, o);
   }
 
-  /// Absolute tolerance of each quadrature over rtol [J].
+  /// Starts from y_; the rates of the ledger are evaluated there.
+  void start_at(Integrator& integrator, double t) {
+    integrator.start(t, state_of(y_));
+    if (ledger_.size() == 0) return;
+    system_.powers(t, state_of(y_), power_);
+    ledger_.start(t, power_);
+    read_felts(felt_before_);
+  }
+
+  /// Compressions of the felts that remember at the state located last; of an open one 0.
+  void read_felts(std::vector<double>& to) const {
+    to.resize(remembering_.size());
+    for (std::size_t i = 0; i < to.size(); ++i) {
+      const std::size_t contact = remembering_[i];
+      const ContactState& s = system_.dynamics().contacts()[contact];
+      to[i] = s.closed ? system_.mechanism().contacts[contact].law.felt_compression(
+                             s.compression, system_.dynamics().memory(contact))
+                       : 0.0;
+    }
+  }
+
+  /// Moments of the last step up to `now` at which a felt passes a compression that it remembers.
+  void find_passes(const Integrator& integrator, double now, const Reversal& reversal) {
+    passes_.clear();
+    const double begin = integrator.time() - integrator.last_step();
+    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+      const std::size_t contact = remembering_[i];
+      const double before = felt_before_[i];
+      const bool turns = reversal.contact == static_cast<int>(contact);
+      const double after = turns ? reversal.compression : felt_after_[i];
+      const auto look = [&](double remembered) {
+        if (!((before - remembered) * (after - remembered) < 0.0)) return;
+        const auto beyond = [&](double t) {
+          return felt_at(integrator, contact, t).force - remembered;
+        };
+        const double first = beyond(begin);
+        const double last = beyond(now);
+        if (!(first * last < 0.0)) return;
+        const double t = find_root_bracketed(beyond, begin, first, now, last, kPassWidth);
+        if (t > begin + 2.0 * kPassWidth && t < now - 2.0 * kPassWidth) passes_.push_back(t);
+      };
+      look(largest()[contact]);
+      for (const TurningPoint& point : system_.dynamics().turns(contact)) look(point.compression);
+    }
+    std::sort(passes_.begin(), passes_.end());
+    // The nodes of a quadrature are apart.
+    const auto near = [](double a, double b) { return b - a < 4.0 * kPassWidth; };
+    passes_.erase(std::unique(passes_.begin(), passes_.end(), near), passes_.end());
+  }
+
+  /// The ledger goes on over the last step, whose powers at its end are in power_. Where a felt
+  /// passes a compression that it remembers, its force has a kink, but the power that it loses
+  /// jumps: the loop that ends there has another loss than the curve beyond it. A polynomial over
+  /// the jump is off by the jump times the step, so the quadrature starts anew there.
+  void advance_ledger(const Integrator& integrator, double now, const Reversal& reversal) {
+    const std::size_t nodes = at(integrator.last_order()) + 1;
+    if (!remembering_.empty()) find_passes(integrator, now, reversal);
+    std::swap(felt_before_, felt_after_);
+    if (!passes_.empty()) {
+      power_at_end_ = power_;
+      for (const double t : passes_) {
+        ledger_.step(t, power_at(integrator, t - kPassWidth), nodes);
+        sample_until(integrator, t);
+        ledger_.start(t, power_at(integrator, t + kPassWidth));
+      }
+      std::swap(power_, power_at_end_);
+    }
+    ledger_.step(integrator.time(), power_, nodes);
+  }
+
+  /// Powers at t within the last step.
+  std::span<const double> power_at(const Integrator& integrator, double t) {
+    integrator.interpolate(t, scratch_);
+    system_.powers(t, state_of(scratch_), power_);
+    return power_;
+  }
+
+  static constexpr double kPassWidth = 1e-12;  ///< to which the time of a pass is found [s]
+
+  /// Of each integral of the ledger that counts as nothing, over rtol [J].
   static constexpr double kLedgerTolerance = 1e-3;
 
   Integrator* current() { return system_.strings_apart() ? apart_.get() : whole_.get(); }
@@ -563,23 +650,16 @@ class Run {
     for (std::size_t s = 0; s < string_heat_.size(); ++s) string_heat_[s] += system_.string_heat(s);
     if (!whole_) whole_ = make_integrator(true);
     ++result_.strikes;
-    return hand_over(integrator, *whole_, t);
+    start_at(*whole_, t);
+    return whole_.get();
   }
 
   Integrator* leave_strings(const Integrator& integrator) {
     std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
     system_.part_strings(integrator.time(), y_);
     if (!apart_) apart_ = make_integrator(false);
-    return hand_over(integrator, *apart_, integrator.time());
-  }
-
-  Integrator* hand_over(const Integrator& from, Integrator& to, double t) {
-    if (!ledger_scratch_.empty()) {
-      from.interpolate_quadratures(t, ledger_scratch_);
-      to.set_quadratures(ledger_scratch_);
-    }
-    to.start(t, state_of(y_), false);
-    return &to;
+    start_at(*apart_, integrator.time());
+    return apart_.get();
   }
 
   std::vector<double>& largest() { return system_.dynamics().largest_compression(); }
@@ -734,7 +814,7 @@ class Run {
     mechanism_->contacts[at(reversal.contact)].law.turn(
         reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
     remembered = std::max(remembered, reversal.compression);
-    integrator.start(reversal.time, state_of(y_), false);
+    start_at(integrator, reversal.time);
     system_.locate(reversal.time, y_, Detail::kAllContacts);
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       felt_rate_[i] = remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
@@ -743,7 +823,7 @@ class Run {
   }
 
   void prepare_outputs() {
-    result_.ledger_names = system_.quadrature_names();
+    result_.ledger_names = system_.ledger_names();
     if (!options_.outputs) return;
     channels_ = Channels(system_.mechanism());
     result_.name_outputs(channels_);
@@ -771,18 +851,18 @@ class Run {
            sample_time(next_sample_) <= now) {
       const double t = sample_time(next_sample_);
       integrator.interpolate(t, scratch_);
-      sample(t, scratch_, &integrator);
+      sample(t, scratch_);
     }
   }
 
-  void sample(double t, std::span<const double> y, const Integrator* integrator) {
+  void sample(double t, std::span<const double> y) {
     const bool taken = options_.outputs && t >= options_.outputs_from;
     if (next_sample_ == 0 && options_.outputs && options_.ledger) {
       result_.start.resize(result_.names.size());
       channels_.observe(system_, t, y, result_.start);
     }
     if (taken) {
-      take_sample(t, y, integrator);
+      take_sample(t, y);
     } else if (!result_.lowest.empty()) {
       system_.place(y);
     }
@@ -817,7 +897,7 @@ class Run {
     }
   }
 
-  void take_sample(double t, std::span<const double> y, const Integrator* integrator) {
+  void take_sample(double t, std::span<const double> y) {
     if (rows_ >= result_.time.size()) return;
     const auto row = static_cast<Eigen::Index>(rows_);
     result_.time[row] = t;
@@ -832,11 +912,7 @@ class Run {
     look_for_nan(y.first(system_.size()), [&](std::size_t i) { return system_.state_name(i); });
     look_at_deflections(t, seen);
     if (!ledger_scratch_.empty()) {
-      if (integrator != nullptr) {
-        integrator->interpolate_quadratures(t, ledger_scratch_);
-      } else {
-        std::fill(ledger_scratch_.begin(), ledger_scratch_.end(), 0.0);
-      }
+      ledger_.integrals(t, ledger_scratch_);
       // work_in and work_throughput come first, then two columns a contact.
       for (std::size_t i = 0; i < recovered_.size(); ++i) {
         ledger_scratch_[2 + 2 * i] += recovered_[i];
@@ -1041,7 +1117,7 @@ class Run {
     b.turned_over =
         std::max({last[1], last.tail(losses).cwiseAbs().sum(), stored.cwiseAbs().maxCoeff(),
                   result_.data.rightCols(Channels::kStoredParts).col(0).maxCoeff(), start[0]});
-    // What the quadratures leave over is nothing.
+    // What rounding and tolerance leave over is nothing.
     const double least =
         options_.rtol * kLedgerTolerance * static_cast<double>(result_.ledger.cols());
     b.residual_relative = b.residual_largest / std::max(b.turned_over, least);
@@ -1071,8 +1147,13 @@ class Run {
   std::shared_ptr<const Mechanism> mechanism_;
   MechanismSystem system_;
   EventLocator locator_;
-  const bool modal_;              ///< strings that are free are advanced exactly
-  const std::size_t whole_size_;  ///< of the state with all strings
+  AdamsQuadrature ledger_;
+  std::vector<double> power_;                     ///< rates of the ledger [W]
+  std::vector<double> power_at_end_;              ///< of a step with jumps
+  std::vector<double> passes_;                    ///< times of these jumps [s]
+  std::vector<double> felt_before_, felt_after_;  ///< by remembering_, at the ends of a step [m]
+  const bool modal_;                              ///< strings that are free are advanced exactly
+  const std::size_t whole_size_;                  ///< of the state with all strings
   std::unique_ptr<Integrator> whole_, apart_;
   bool leaving_ = false;             ///< the strings can be left to themselves
   std::vector<double> string_heat_;  ///< of the times apart that are over [J]

@@ -1,20 +1,17 @@
 #include "feltmb/ode/integrator.hpp"
 
-#include <cvodes/cvodes.h>
 #include <cvodes/cvodes_ls.h>
 #include <sundials/sundials_config.h>
-#include <sundials/sundials_linearsolver.h>
-#include <sundials/sundials_matrix.h>
 
 #include <algorithm>
 #include <cmath>
 #include <exception>
-#include <utility>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/core/flush_to_zero.hpp"
 #include "feltmb/core/sums.hpp"
 #include "newton_solver.hpp"
+#include "sundials_handles.hpp"
 #include "vector_kernels.hpp"
 
 namespace feltmb {
@@ -40,8 +37,6 @@ const char* flag_text(int flag) {
       return "the right-hand side kept failing";
     case CV_UNREC_RHSFUNC_ERR:
       return "the right-hand side failed and the step could not shrink";
-    case CV_QRHSFUNC_FAIL:
-      return "the ledger's right-hand side failed";
     case CV_ILL_INPUT:
       return "the integrator refused its input";
     case CV_TOO_CLOSE:
@@ -67,18 +62,13 @@ IntegratorCounts& IntegratorCounts::operator+=(const IntegratorCounts& other) {
 struct Integrator::Impl {
   OdeSystem& system;
   IntegratorOptions options;
-  SUNContext context = nullptr;
-  void* cvode = nullptr;
-  N_Vector y = nullptr;
-  N_Vector work = nullptr;
-  N_Vector weights = nullptr;
-  N_Vector atol = nullptr;
-  N_Vector quad = nullptr;
-  N_Vector quad_work = nullptr;
-  N_Vector quad_atol = nullptr;
-  SUNMatrix matrix = nullptr;
-  SUNLinearSolver solver = nullptr;
+  // In the order in which they depend on each other: each is freed before what it uses.
+  detail::Handle<SUNContext> context;
+  detail::Handle<N_Vector> y, work, weights, atol;
+  detail::Handle<SUNMatrix> matrix;
+  detail::Handle<SUNLinearSolver> solver;
   std::unique_ptr<detail::NewtonSolver> newton;
+  detail::Handle<void*> cvode;
   bool long_steps = false;  // long_order is in use
   int seen = 0;             // steps in a row that ask for the other order
   int taken = 0;            // steps since the last change
@@ -93,7 +83,6 @@ struct Integrator::Impl {
   bool started = false;
   double share = 1.0;   ///< of the tolerances that apply
   double wanted = 1.0;  ///< share from the next start on
-  bool given = false;   ///< quad holds values for the next start
   double time = 0.0;
   std::exception_ptr thrown;
   std::string message;
@@ -105,18 +94,7 @@ struct Integrator::Impl {
 
   Impl(OdeSystem& s, const IntegratorOptions& o) : system(s), options(o) {}
 
-  ~Impl() {
-    if (cvode != nullptr) CVodeFree(&cvode);
-    newton.reset();
-    if (solver != nullptr) SUNLinSolFree(solver);
-    if (matrix != nullptr) SUNMatDestroy(matrix);
-    for (N_Vector v : {y, work, weights, atol, quad, quad_work, quad_atol}) {
-      if (v != nullptr) N_VDestroy(v);
-    }
-    if (context != nullptr) SUNContext_Free(&context);
-  }
-
-  std::span<double> span(N_Vector v) const {
+  static std::span<double> span(N_Vector v) {
     return {NV_DATA_S(v), static_cast<std::size_t>(NV_LENGTH_S(v))};
   }
 
@@ -134,11 +112,8 @@ struct Integrator::Impl {
 
   void apply_tolerances() {
     share = wanted;
-    N_VScale(share, atol, work);
-    check(CVodeSVtolerances(cvode, share * options.rtol, work), "CVodeSVtolerances");
-    if (quad == nullptr) return;
-    N_VScale(share, quad_atol, quad_work);
-    check(CVodeQuadSVtolerances(cvode, share * options.rtol, quad_work), "CVodeQuadSVtolerances");
+    N_VScale(share, atol.get(), work.get());
+    check(CVodeSVtolerances(cvode.get(), share * options.rtol, work.get()), "CVodeSVtolerances");
   }
 
   void check(int flag, const char* what) const {
@@ -167,12 +142,6 @@ struct IntegratorCallbacks {
       if (!std::isfinite(sum_absolute(values.size(), values.data()))) flag = 1;
     }
     return flag;
-  }
-
-  template <class Impl>
-  static int quadratures(sunrealtype t, N_Vector y, N_Vector rate, void* data) {
-    auto& impl = self<Impl>(data);
-    return impl.guard([&] { impl.system.quadratures(t, impl.span(y), impl.span(rate)); });
   }
 
   template <class Impl>
@@ -258,109 +227,84 @@ Integrator::Integrator(OdeSystem& system, const IntegratorOptions& options)
     throw InvalidParameter(format("atol: got %zu values, expected one a state (%zu)",
                                   options.atol.size(), system.size()));
   }
-  if (options.quadrature_atol.size() != system.n_quadratures()) {
-    throw InvalidParameter(format("quadrature_atol: got %zu values, expected %zu",
-                                  options.quadrature_atol.size(), system.n_quadratures()));
-  }
+  SUNContext context = nullptr;
 #if SUNDIALS_VERSION_MAJOR >= 7
-  const bool made = SUNContext_Create(SUN_COMM_NULL, &d.context) == 0;
+  const bool made = SUNContext_Create(SUN_COMM_NULL, &context) == 0;
 #else
-  const bool made = SUNContext_Create(nullptr, &d.context) == 0;
+  const bool made = SUNContext_Create(nullptr, &context) == 0;
 #endif
+  d.context.reset(context);
   if (!made) throw Error("integrator: no SUNDIALS context");
   const auto n = static_cast<sunindextype>(system.size());
-  d.y = detail::make_vector(n, d.context);
-  if (d.y == nullptr) throw Error("integrator: out of memory");
-  d.work = N_VClone(d.y);
-  d.weights = N_VClone(d.y);
-  d.atol = N_VClone(d.y);
-  std::copy(options.atol.begin(), options.atol.end(), d.span(d.atol).begin());
-  if (system.n_quadratures() > 0) {
-    d.quad = detail::make_vector(static_cast<sunindextype>(system.n_quadratures()), d.context);
-    d.quad_work = N_VClone(d.quad);
-    d.quad_atol = N_VClone(d.quad);
-    N_VConst(0.0, d.quad);
-    std::copy(options.quadrature_atol.begin(), options.quadrature_atol.end(),
-              d.span(d.quad_atol).begin());
-  }
+  d.y.reset(detail::make_vector(n, context));
+  if (!d.y) throw Error("integrator: out of memory");
+  d.work.reset(N_VClone(d.y.get()));
+  d.weights.reset(N_VClone(d.y.get()));
+  d.atol.reset(N_VClone(d.y.get()));
+  std::copy(options.atol.begin(), options.atol.end(), Impl::span(d.atol.get()).begin());
 
-  d.matrix = SUNMatNewEmpty(d.context);
+  d.matrix.reset(SUNMatNewEmpty(context));
   d.matrix->ops->getid = IntegratorCallbacks::matrix_id;
   d.matrix->ops->destroy = IntegratorCallbacks::free_matrix;
-  d.solver = SUNLinSolNewEmpty(d.context);
+  d.solver.reset(SUNLinSolNewEmpty(context));
   d.solver->content = impl_.get();
   d.solver->ops->gettype = IntegratorCallbacks::solver_type;
   d.solver->ops->initialize = IntegratorCallbacks::solver_ok;
   d.solver->ops->setup = IntegratorCallbacks::setup_ok;
   d.solver->ops->solve = IntegratorCallbacks::solve<Impl>;
   d.solver->ops->free = IntegratorCallbacks::free_solver;
-  d.newton = std::make_unique<detail::NewtonSolver>(d.y, d.context);
+  d.newton = std::make_unique<detail::NewtonSolver>(d.y.get(), context);
 }
 
 Integrator::~Integrator() = default;
 
-void Integrator::start(double t, std::span<const double> y, bool reset_quadratures) {
+void Integrator::start(double t, std::span<const double> y) {
   Impl& d = *impl_;
   if (y.size() != d.system.size()) {
     throw InvalidParameter(
         format("start state: got %zu values, expected %zu", y.size(), d.system.size()));
   }
-  std::copy(y.begin(), y.end(), d.span(d.y).begin());
+  std::copy(y.begin(), y.end(), Impl::span(d.y.get()).begin());
   d.time = t;
   if (!d.started) {
-    d.cvode = CVodeCreate(CV_BDF, d.context);
-    if (d.cvode == nullptr) throw Error("integrator: CVodeCreate failed");
+    d.cvode.reset(CVodeCreate(CV_BDF, d.context.get()));
+    if (!d.cvode) throw Error("integrator: CVodeCreate failed");
 #if SUNDIALS_VERSION_MAJOR >= 7
-    SUNContext_ClearErrHandlers(d.context);
-    SUNContext_PushErrHandler(d.context, IntegratorCallbacks::error<Impl>, &d);
+    SUNContext_ClearErrHandlers(d.context.get());
+    SUNContext_PushErrHandler(d.context.get(), IntegratorCallbacks::error<Impl>, &d);
 #else
-    CVodeSetErrHandlerFn(d.cvode, IntegratorCallbacks::error<Impl>, &d);
+    CVodeSetErrHandlerFn(d.cvode.get(), IntegratorCallbacks::error<Impl>, &d);
 #endif
-    d.check(CVodeInit(d.cvode, IntegratorCallbacks::rhs<Impl>, t, d.y), "CVodeInit");
-    d.check(CVodeSetUserData(d.cvode, &d), "CVodeSetUserData");
-    d.check(CVodeSetLinearSolver(d.cvode, d.solver, d.matrix), "CVodeSetLinearSolver");
-    d.check(CVodeSetNonlinearSolver(d.cvode, d.newton->handle()), "CVodeSetNonlinearSolver");
-    d.check(CVodeSetLinSysFn(d.cvode, IntegratorCallbacks::linear_system<Impl>),
+    d.check(CVodeInit(d.cvode.get(), IntegratorCallbacks::rhs<Impl>, t, d.y.get()), "CVodeInit");
+    d.check(CVodeSetUserData(d.cvode.get(), &d), "CVodeSetUserData");
+    d.check(CVodeSetLinearSolver(d.cvode.get(), d.solver.get(), d.matrix.get()),
+            "CVodeSetLinearSolver");
+    d.check(CVodeSetNonlinearSolver(d.cvode.get(), d.newton->handle()), "CVodeSetNonlinearSolver");
+    d.check(CVodeSetLinSysFn(d.cvode.get(), IntegratorCallbacks::linear_system<Impl>),
             "CVodeSetLinSysFn");
-    d.check(CVodeSetMaxOrd(d.cvode, d.options.max_order), "CVodeSetMaxOrd");
-    d.check(CVodeSetMaxNumSteps(d.cvode, -1), "CVodeSetMaxNumSteps");
-    CVodeSetMaxHnilWarns(d.cvode, -1);
+    d.check(CVodeSetMaxOrd(d.cvode.get(), d.options.max_order), "CVodeSetMaxOrd");
+    d.check(CVodeSetMaxNumSteps(d.cvode.get(), -1), "CVodeSetMaxNumSteps");
+    CVodeSetMaxHnilWarns(d.cvode.get(), -1);
     // What Newton's method leaves over is error that the error test does not see; a new Jacobian
     // every other step and a tight test of convergence cost less than the steps that they save. A
     // step that may grow by a tenth pays, too (docs/validation/speed.md).
     constexpr long every = 2;
-    CVodeSetLSetupFrequency(d.cvode, every);
-    CVodeSetJacEvalFrequency(d.cvode, every);
-    CVodeSetDeltaGammaMaxBadJac(d.cvode, 1e9);
-    CVodeSetNonlinConvCoef(d.cvode, 0.03);
-    CVodeSetEtaFixedStepBounds(d.cvode, 0.0, 1.1);
+    CVodeSetLSetupFrequency(d.cvode.get(), every);
+    CVodeSetJacEvalFrequency(d.cvode.get(), every);
+    CVodeSetDeltaGammaMaxBadJac(d.cvode.get(), 1e9);
+    CVodeSetNonlinConvCoef(d.cvode.get(), 0.03);
+    CVodeSetEtaFixedStepBounds(d.cvode.get(), 0.0, 1.1);
     d.long_steps = false;
-    CVodeSetMaxStep(d.cvode, d.longest_step());
-    if (d.options.first_step > 0.0) CVodeSetInitStep(d.cvode, d.options.first_step);
-    if (d.quad != nullptr) {
-      d.check(CVodeQuadInit(d.cvode, IntegratorCallbacks::quadratures<Impl>, d.quad),
-              "CVodeQuadInit");
-      d.check(CVodeSetQuadErrCon(d.cvode, SUNTRUE), "CVodeSetQuadErrCon");
-    }
+    CVodeSetMaxStep(d.cvode.get(), d.longest_step());
+    if (d.options.first_step > 0.0) CVodeSetInitStep(d.cvode.get(), d.options.first_step);
     d.apply_tolerances();
     d.started = true;
-    d.given = false;
     return;
   }
   d.total = counts();
   d.jacobians = 0;
   d.factorizations = 0;
-  if (d.quad != nullptr && !std::exchange(d.given, false)) {
-    if (reset_quadratures) {
-      N_VConst(0.0, d.quad);
-    } else {
-      double reached = 0.0;
-      CVodeGetQuad(d.cvode, &reached, d.quad_work);
-      CVodeGetQuadDky(d.cvode, t, 0, d.quad);
-    }
-  }
-  d.check(CVodeReInit(d.cvode, t, d.y), "CVodeReInit");
-  if (d.quad != nullptr) d.check(CVodeQuadReInit(d.cvode, d.quad), "CVodeQuadReInit");
+  d.check(CVodeReInit(d.cvode.get(), t, d.y.get()), "CVodeReInit");
   if (d.share != d.wanted) d.apply_tolerances();
   d.seen = 0;
 }
@@ -379,18 +323,18 @@ void Integrator::choose_order() {
     d.seen = h < kWorth * d.options.stable_step ? d.seen + 1 : 0;
     if (d.seen < few) return;
     d.patience = d.taken < 8 * d.patience ? std::min(2 * d.patience, 4096) : few;
-    d.check(CVodeSetMaxOrd(d.cvode, d.options.max_order), "CVodeSetMaxOrd");
+    d.check(CVodeSetMaxOrd(d.cvode.get(), d.options.max_order), "CVodeSetMaxOrd");
   } else {
     d.seen = h > 0.999 * d.options.stable_step ? d.seen + 1 : 0;
     if (d.seen < d.patience) return;
     const std::vector<double> y(state().begin(), state().end());
-    d.check(CVodeSetMaxOrd(d.cvode, d.options.long_order), "CVodeSetMaxOrd");
-    start(d.time, y, false);
+    d.check(CVodeSetMaxOrd(d.cvode.get(), d.options.long_order), "CVodeSetMaxOrd");
+    start(d.time, y);
   }
   d.seen = 0;
   d.taken = 0;
   d.long_steps = !d.long_steps;
-  CVodeSetMaxStep(d.cvode, d.longest_step());
+  CVodeSetMaxStep(d.cvode.get(), d.longest_step());
 }
 
 void Integrator::forget() {
@@ -400,20 +344,13 @@ void Integrator::forget() {
 
 void Integrator::scale_tolerances(double share) { impl_->wanted = share; }
 
-void Integrator::set_quadratures(std::span<const double> z) {
-  Impl& d = *impl_;
-  if (d.quad == nullptr) return;
-  std::copy(z.begin(), z.end(), d.span(d.quad).begin());
-  d.given = true;
-}
-
 StepStatus Integrator::step(double t_stop) {
   Impl& d = *impl_;
   const FlushToZero flush;
   choose_order();
-  CVodeSetStopTime(d.cvode, t_stop);
+  CVodeSetStopTime(d.cvode.get(), t_stop);
   double reached = d.time;
-  const int flag = CVode(d.cvode, t_stop, d.y, &reached, CV_ONE_STEP);
+  const int flag = CVode(d.cvode.get(), t_stop, d.y.get(), &reached, CV_ONE_STEP);
   // A right-hand side that ends at some time would be approached for ever with steps below the
   // spacing of the numbers.
   d.stalled = flag == CV_SUCCESS && reached <= d.time ? d.stalled + 1 : 0;
@@ -438,36 +375,30 @@ double Integrator::time() const { return impl_->time; }
 
 double Integrator::last_step() const {
   double h = 0.0;
-  CVodeGetLastStep(impl_->cvode, &h);
+  CVodeGetLastStep(impl_->cvode.get(), &h);
   return h;
 }
 
 int Integrator::last_order() const {
   int order = 0;
-  CVodeGetLastOrder(impl_->cvode, &order);
+  CVodeGetLastOrder(impl_->cvode.get(), &order);
   return order;
 }
 
-std::span<const double> Integrator::state() const { return impl_->span(impl_->y); }
+std::span<const double> Integrator::state() const { return Impl::span(impl_->y.get()); }
 
 void Integrator::interpolate(double t, std::span<double> y) const {
-  CVodeGetDky(impl_->cvode, t, 0, impl_->work);
-  const auto from = impl_->span(impl_->work);
+  CVodeGetDky(impl_->cvode.get(), t, 0, impl_->work.get());
+  const auto from = Impl::span(impl_->work.get());
   std::copy(from.begin(), from.end(), y.begin());
-}
-
-void Integrator::interpolate_quadratures(double t, std::span<double> z) const {
-  CVodeGetQuadDky(impl_->cvode, t, 0, impl_->quad_work);
-  const auto from = impl_->span(impl_->quad_work);
-  std::copy(from.begin(), from.end(), z.begin());
 }
 
 std::size_t Integrator::limiting_state() {
   Impl& d = *impl_;
-  CVodeGetEstLocalErrors(d.cvode, d.work);
-  CVodeGetErrWeights(d.cvode, d.weights);
-  const auto e = d.span(d.work);
-  const auto w = d.span(d.weights);
+  CVodeGetEstLocalErrors(d.cvode.get(), d.work.get());
+  CVodeGetErrWeights(d.cvode.get(), d.weights.get());
+  const auto e = Impl::span(d.work.get());
+  const auto w = Impl::span(d.weights.get());
   std::size_t worst = 0;
   double largest = -1.0;
   for (std::size_t i = 0; i < e.size(); ++i) {
@@ -485,11 +416,11 @@ IntegratorCounts Integrator::counts() const {
   IntegratorCounts c = d.total;
   if (!d.started) return c;
   long steps = 0, rhs = 0, setups = 0, fails = 0, newton = 0, newton_fails = 0;
-  CVodeGetNumSteps(d.cvode, &steps);
-  CVodeGetNumRhsEvals(d.cvode, &rhs);
-  CVodeGetNumLinSolvSetups(d.cvode, &setups);
-  CVodeGetNumErrTestFails(d.cvode, &fails);
-  CVodeGetNonlinSolvStats(d.cvode, &newton, &newton_fails);
+  CVodeGetNumSteps(d.cvode.get(), &steps);
+  CVodeGetNumRhsEvals(d.cvode.get(), &rhs);
+  CVodeGetNumLinSolvSetups(d.cvode.get(), &setups);
+  CVodeGetNumErrTestFails(d.cvode.get(), &fails);
+  CVodeGetNonlinSolvStats(d.cvode.get(), &newton, &newton_fails);
   c.steps += steps;
   c.rhs += rhs;
   c.jacobians += d.jacobians;

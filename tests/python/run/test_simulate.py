@@ -141,8 +141,9 @@ def test_failure_at_the_start(action, state_of):
     speeds = np.zeros(6)
     speeds[4] = 1e60
     start = state_of(action, action.rest_pose, speeds)
-    with pytest.raises(feltmb.IntegrationError, match=r"integration stopped at t = 0 s") as caught:
+    with pytest.raises(feltmb.IntegrationError, match="integration stopped at t = ") as caught:
         feltmb.simulate(action, "forte", start=start)
+    assert caught.value.time < 1e-12
     assert len(caught.value.partial.time) == 1
 
 

@@ -108,11 +108,12 @@ class MechanismSystem : public OdeSystem {
 
   /// Relative tolerance of the integration, from which the margin of the events follows.
   void set_tolerance(double rtol) { margin_ = rtol; }
-  std::size_t n_quadratures() const override { return quadrature_names_.size(); }
-  void quadratures(double t, std::span<const double> y, std::span<double> h) override;
 
-  /// Names of the ledger's quadratures: work_in, work_throughput, dissipated.* [J].
-  const std::vector<std::string>& quadrature_names() const { return quadrature_names_; }
+  /// Names of the ledger's integrals: work_in, work_throughput, dissipated.* [J].
+  const std::vector<std::string>& ledger_names() const { return ledger_names_; }
+
+  /// Rates of the ledger's integrals at (t, y) [W], from the last right-hand side if that was at t.
+  void powers(double t, std::span<const double> y, std::span<double> out);
 
   /// Contact indices in the order of the event functions, then monitors.
   const std::vector<int>& event_contacts() const { return event_contacts_; }
@@ -179,7 +180,7 @@ class MechanismSystem : public OdeSystem {
   Input input_;
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
-  /// Time of the last evaluation, if it was a right-hand side or its quadratures.
+  /// Time of the last evaluation, if it was a right-hand side or its powers.
   double rhs_time_ = std::numeric_limits<double>::quiet_NaN();
   bool fresh_ = false;             ///< nothing was located since
   std::vector<double> rhs_state_;  ///< and its state and memory
@@ -193,7 +194,8 @@ class MechanismSystem : public OdeSystem {
   std::vector<double> modal_stiffness_;
   std::vector<double> modal_damping_;
   std::vector<double> modal_rate_factor_;
-  std::vector<std::string> quadrature_names_;
+  std::vector<std::string> ledger_names_;
+  Eigen::VectorXd finger_load_;  ///< scratch of powers: generalized forces
   std::vector<int> event_contacts_;
   std::vector<Monitor> monitors_;
 

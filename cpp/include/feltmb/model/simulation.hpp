@@ -155,7 +155,7 @@ struct RunResult {
   std::vector<double> start;  ///< outputs at time zero, taken or not; with a ledger
   LedgerBalance balance;
   std::vector<std::string> ledger_names;
-  RowMatrix ledger;                     ///< (n_times, n_quadratures) [J]
+  RowMatrix ledger;                     ///< (n_times, n_ledger) [J]
   std::vector<SimulationEvent> events;  ///< rows of the three matrices that follow
   RowMatrix event_states;               ///< (n_events, 2 n): q, v
   RowMatrix event_compression;          ///< (n_events, n_contacts) [m]

@@ -14,14 +14,13 @@
 namespace feltmb {
 
 struct IntegratorOptions {
-  double rtol = 1e-6;                   ///< relative tolerance [-], in (0, 0.1]
-  std::vector<double> atol;             ///< absolute tolerance of each state, its unit
-  std::vector<double> quadrature_atol;  ///< absolute tolerance of each quadrature
-  int max_order = 5;                    ///< of the BDF, 1 to 5
-  int long_order = 0;                   ///< of steps beyond stable_step; 0: max_order, any step
-  double stable_step = 0.0;             ///< [s], up to which max_order is stable; with long_order
-  double max_step = 0.0;                ///< [s], 0: no limit
-  double first_step = 0.0;              ///< [s], 0: estimated
+  double rtol = 1e-6;        ///< relative tolerance [-], in (0, 0.1]
+  std::vector<double> atol;  ///< absolute tolerance of each state, its unit
+  int max_order = 5;         ///< of the BDF, 1 to 5
+  int long_order = 0;        ///< of steps beyond stable_step; 0: max_order, any step
+  double stable_step = 0.0;  ///< [s], up to which max_order is stable; with long_order
+  double max_step = 0.0;     ///< [s], 0: no limit
+  double first_step = 0.0;   ///< [s], 0: estimated
 };
 
 struct IntegratorCounts {
@@ -50,17 +49,14 @@ class Integrator {
   Integrator(const Integrator&) = delete;
   Integrator& operator=(const Integrator&) = delete;
 
-  /// Starts, or restarts after a discontinuity, at (t, y); quadratures continue unless `reset`.
-  void start(double t, std::span<const double> y, bool reset_quadratures);
+  /// Starts, or restarts after a discontinuity, at (t, y).
+  void start(double t, std::span<const double> y);
 
   /// Forgets everything learned about the system: the next start is like the first one.
   void forget();
 
   /// All tolerances are the given share, in (0, 1], of those of the options from the next start on.
   void scale_tolerances(double share);
-
-  /// Values of the quadratures from which the next start goes on.
-  void set_quadratures(std::span<const double> z);
 
   /// One internal step, never beyond t_stop.
   StepStatus step(double t_stop);
@@ -72,7 +68,6 @@ class Integrator {
 
   /// Dense output at t within the last internal step.
   void interpolate(double t, std::span<double> y) const;
-  void interpolate_quadratures(double t, std::span<double> z) const;
 
   /// State with the largest weighted local error of the last step.
   std::size_t limiting_state();

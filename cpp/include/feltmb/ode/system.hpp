@@ -42,10 +42,6 @@ class OdeSystem {
 
   /// How far a value of events_nearby must lie from zero for its sign to be certain.
   virtual double event_margin() const { return 0.0; }
-
-  /// Quadratures z' = h(t, y) that do not act back on y.
-  virtual std::size_t n_quadratures() const { return 0; }
-  virtual void quadratures(double /*t*/, std::span<const double> /*y*/, std::span<double> /*h*/) {}
 };
 
 }  // namespace feltmb
