@@ -22,6 +22,7 @@ from unmodeled.search.options import Options
 from unmodeled.search.problem import Problem
 from unmodeled.search.progress import Limit, Meter, Progress
 from unmodeled.search.records import prepare, ready_records
+from unmodeled.search.result import Reason
 from unmodeled.search.search import search
 from unmodeled.search.variation import varies, with_variation
 from unmodeled.search.verdict import judge
@@ -113,7 +114,9 @@ def diagnose(
         check = Limit(began + FITS * options.seconds, meter.step)
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
         if not result.complete:
-            result = replace(result, needed=max(needed, time.monotonic() - began))
+            late = Reason.INTERRUPTED not in result.reasons
+            least = 2.0 * options.seconds if late else time.monotonic() - began
+            result = replace(result, needed=max(needed, least))
         meter.stage("done")
     report = Report.of(result)
     report.cached = ready.model.cached

@@ -239,6 +239,7 @@ def test_numbers_of_a_function(tmp_path):
         cart, parameters={"gain": (2.1, 0.2, "m/N")}, unknown={"offset": (0.0, 0.1, "m")}
     )
     report = model.diagnose(found, effects=["offset"])
+    assert report.summary().startswith("The effect offset has a size of 300.00 mm (")
     report.model.write(tmp_path / "found.toml")
     numbers = tomllib.loads((tmp_path / "found.toml").read_text())["parameters"]
     assert numbers == pytest.approx({"gain": 2.0, "offset": 0.3}, rel=1e-2)

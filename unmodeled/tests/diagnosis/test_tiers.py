@@ -131,3 +131,39 @@ def test_a_member_that_does_not_improve_the_prediction_is_not_supported():
     assert need(1.3) > 0.0
     assert need(1.02) < 0.0  # surely better, and too little
     assert need(0.9) < 0.0
+
+
+def test_what_is_less_probable_than_nothing_is_not_supported():
+    """A pendulum with dry friction that no effect of its function can be.
+
+    A delay in each record predicts the held-out record better, because it has a phase.
+    """
+
+    def angles(time, torque, p, friction=0.0):
+        x, v, out, step = 0.0, 0.0, [], 0.25 * (time[1] - time[0])
+        for f in torque:
+            out.append(x)
+            for _ in range(4):
+                resistance = p["damping"] * v + friction * np.tanh(v / 0.02)
+                v += step * (f - p["stiffness"] * np.sin(x) - resistance)
+                x += step * v
+        return np.array(out)
+
+    time, records = np.arange(500) * 0.02, []
+    for k, (w, size) in enumerate([(4.0, 8.0), (4.6, 8.0), (5.2, 9.0)]):
+        torque = size * np.sin(w * time) * (time < 5.0)
+        angle = angles(time, torque, {"stiffness": 30.0, "damping": 0.3}, friction=2.0)
+        angle += np.random.default_rng(k).normal(0.0, 1e-3, time.size)
+        records.append(
+            Record(name=f"run {k}", time=time, inputs={"torque": torque},
+                   outputs={"angle": angle}, sensors={"angle": Sensor(name="angle", unit="rad")})
+        )  # fmt: skip
+    model = Simulator(
+        lambda t, inputs, p: {"angle": angles(t, inputs["torque"], p)},
+        parameters={"stiffness": (30.0, 0.9, ""), "damping": (0.3, 0.15, "")},
+    )
+    report = model.diagnose(records)
+    probability = {s.causes: s.probability for s in report.sets}
+    assert max(probability, key=lambda s: probability[s]) == ()
+    assert (report.verdict, report.supported) == (Verdict.UNKNOWN, ())
+    assert any("none acts inside the model" in note for note in report.notes)

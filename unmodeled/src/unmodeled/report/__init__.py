@@ -68,7 +68,7 @@ REASONS = {
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",
-    Reason.NOT_COMPLETE: "The search ended at its limit of time, or was interrupted.",
+    Reason.NOT_COMPLETE: "The search ended at its limit of time.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
     "than the tabulated one.",
 }
@@ -202,7 +202,9 @@ def _changes(result: Result) -> _Section:
     which = f" ({joined(result.refused)})" if result.refused else which
     needless = f" ({joined(result.not_needed)})" if result.not_needed else ""
     lines = [
-        REASONS[r].format(which=which, needless=needless) for r in result.reasons if r in REASONS
+        REASONS[r].format(which=which, needless=needless)
+        for r in result.reasons
+        if r in REASONS and not (r is Reason.NOT_COMPLETE and Reason.INTERRUPTED in result.reasons)
     ]
     if result.verdict is Verdict.UNKNOWN:
         lines.append("The fitted parameters (see details) may imitate what is not known.")
@@ -333,7 +335,9 @@ def _next(result: Result) -> list[str]:
         steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
         steps += [f"{n.cause}: {n.remedy}" for n in group if n.remedy]
     if Reason.NOT_COMPLETE in result.reasons:
-        more = f"{_seconds(result)}" if math.isfinite(result.needed) else "more seconds"
+        more = "more seconds"
+        if math.isfinite(result.needed):
+            more = f"{_seconds(result)} (--seconds, in Python seconds of Options)"
         why = _untried(result).partition(",")[0] or "the search did not reach its end"
         steps.append(f"Diagnose again with {more}: {why}.")
     if any(c.material for c in result.channels):

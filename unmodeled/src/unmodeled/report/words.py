@@ -115,6 +115,8 @@ def _clause(c: Change) -> str:
     thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:
         what = c.title.removesuffix(c.component).strip().removesuffix(" of")
+        if not what:  # a parameter of the user's function that is an effect
+            return f"the effect {c.title} {has} a size of {size}"
         return f"{_with_article(c.component)} {has} {what} of {size}"
     thing = thing or f"the parameter {c.title}"
     if c.user_unit is not None and c.user_unit.unit == "turn":
@@ -132,6 +134,8 @@ def _clause(c: Change) -> str:
 
 
 def _with_article(name: str) -> str:
+    if len(name) == 1:
+        return f"the coordinate {name}"
     return name if name[:4].lower() == "the " else f"the {name}"
 
 
