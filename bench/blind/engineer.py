@@ -21,7 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from blind.yardstick_sets import SETS
 from unmodeled import Options
 from unmodeled.search.fit import empty_point
-from unmodeled.search.linear import Ask, Point, count_global, evaluate, local_of
+from unmodeled.search.linear import EvaluationRequest, Point, count_global, evaluate, local_of
 from unmodeled.search.problem import Member, Members, Observed, Problem
 from unmodeled.search.records import prepare, ready_records
 
@@ -53,7 +53,7 @@ def fitted(problem: Problem, members: Members, x: Array | None = None) -> tuple[
         local = tuple(z[a:b] for a, b in itertools.pairwise(ends))
         cut: tuple[Observed, ...] = tuple(o.first(part) for o in records)
         own = z[:g] if x is None else x
-        seen = evaluate(problem, [Ask(members, Point(own, local), cut)])[0]
+        seen = evaluate(problem, [EvaluationRequest(members, Point(own, local), cut)])[0]
         rest, slopes = [], []
         for k, (o, linear) in enumerate(zip(cut, seen, strict=True)):
             scale = o.sd * weight

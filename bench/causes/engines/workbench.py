@@ -23,7 +23,14 @@ from scipy.optimize import least_squares
 
 from causes.cases import opened
 from unmodeled import Options
-from unmodeled.search.linear import Ask, Point, count_global, evaluate, local_of, unknowns_of
+from unmodeled.search.linear import (
+    EvaluationRequest,
+    Point,
+    count_global,
+    evaluate,
+    local_of,
+    unknowns_of,
+)
 from unmodeled.search.problem import Member, Members, Observed
 from unmodeled.search.records import prepare, ready_records
 
@@ -154,7 +161,7 @@ class Workbench:
         counts = [len(local_of(self.problem, members, o)) for o in records]
         ends = np.cumsum([g, *counts])
         local = tuple(z[a:b] for a, b in itertools.pairwise(ends))
-        ask = Ask(members, Point(z[:g], local), tuple(records), further)
+        ask = EvaluationRequest(members, Point(z[:g], local), tuple(records), further)
         rest, slopes, columns = [], [], []
         for k, (o, linear) in enumerate(
             zip(records, evaluate(self.problem, [ask])[0], strict=True)
@@ -292,7 +299,7 @@ class Workbench:
             ).x  # fmt: skip
         ends = np.cumsum([0, *counts])
         local = tuple(z[a:b] for a, b in itertools.pairwise(ends))
-        ask = Ask(best.members, Point(x, local), tuple(p.held_out), derivatives=False)
+        ask = EvaluationRequest(best.members, Point(x, local), tuple(p.held_out), derivatives=False)
         squares, count = np.zeros(p.motion.size), np.zeros(p.motion.size)
         for o, linear in zip(p.held_out, evaluate(p, [ask])[0], strict=True):
             squares += (np.where(o.valid, linear.residual * o.sd, 0.0) ** 2).sum(axis=0)

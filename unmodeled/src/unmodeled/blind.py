@@ -23,7 +23,7 @@ from unmodeled.errors import DataError, Error, InvalidParameter
 from unmodeled.fit.model import Candidate, Effect, Model, Ready
 from unmodeled.fit.observe import observe
 from unmodeled.search.fit import empty_point
-from unmodeled.search.linear import Ask, start_states, theta_at
+from unmodeled.search.linear import EvaluationRequest, start_states, theta_at
 from unmodeled.search.options import Options
 from unmodeled.search.problem import Problem
 from unmodeled.search.records import noise_of_channel, prepare, ready_records, split_records
@@ -264,7 +264,7 @@ def _machine(ready: Ready, effects: Sequence[Effect], options: Options) -> _Mach
     problem = prepare(ready, effects, (), options)
     planned = not problem.motion.any()
     point = empty_point(problem, (), problem.fit) if planned else model_alone(problem).point
-    ask = Ask((), point, problem.fit)
+    ask = EvaluationRequest((), point, problem.fit)
     starts = tuple(start_states(problem, ask, r) for r in range(len(problem.fit)))
     return _Machine(problem, effects, options, theta_at(problem, point.x), starts)
 

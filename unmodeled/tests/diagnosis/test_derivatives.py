@@ -9,7 +9,7 @@ import pytest
 
 from unmodeled import Coordinate, Equations, Options, Parameter, Record, Sensor, State, library
 from unmodeled.data import StartPrior
-from unmodeled.search.linear import Ask, Point, count_global, evaluate, local_of
+from unmodeled.search.linear import EvaluationRequest, Point, count_global, evaluate, local_of
 from unmodeled.search.problem import Member
 from unmodeled.search.records import prepare, ready_records
 
@@ -74,10 +74,12 @@ def test_derivatives_by_all_unknowns_are_those_of_the_simulation(name, shape):
     local = tuple(np.zeros(len(local_of(problem, members, o))) for o in problem.fit)
 
     def residual(at):
-        ask = Ask(members, Point(at, local), problem.fit, derivatives=False)
+        ask = EvaluationRequest(members, Point(at, local), problem.fit, derivatives=False)
         return evaluate(problem, [ask])[0][0].residual
 
-    exact = evaluate(problem, [Ask(members, Point(x, local), problem.fit)])[0][0].by_global
+    exact = evaluate(problem, [EvaluationRequest(members, Point(x, local), problem.fit)])[0][
+        0
+    ].by_global
     for k in range(x.size):
         step = np.zeros_like(x)
         step[k] = 1e-3
@@ -97,7 +99,9 @@ def test_derivatives_of_a_late_record_are_those_of_the_late_motion():
 
     def at(values, derivatives=False):
         point = Point(values[:-3], (values[-3:],))
-        return evaluate(problem, [Ask((), point, problem.fit, derivatives=derivatives)])[0][0]
+        return evaluate(
+            problem, [EvaluationRequest((), point, problem.fit, derivatives=derivatives)]
+        )[0][0]
 
     found = at(start, derivatives=True)
     exact = np.concatenate([found.by_global, found.by_local], axis=2)
@@ -128,7 +132,9 @@ def test_the_derivative_by_a_delay_is_that_of_the_interpolated_outputs():
 
     def at(delay, derivatives=False):
         point = Point(np.zeros(1), (np.array([delay]),))
-        return evaluate(problem, [Ask((), point, problem.fit, derivatives=derivatives)])[0][0]
+        return evaluate(
+            problem, [EvaluationRequest((), point, problem.fit, derivatives=derivatives)]
+        )[0][0]
 
     exact = at(0.4, derivatives=True).by_local[..., 0]
     differences = (at(0.39).residual - at(0.41).residual) / 0.02

@@ -20,7 +20,7 @@ from unmodeled.search.evidence import (
     weights,
 )
 from unmodeled.search.fit import Start, empty_point, fit_sets
-from unmodeled.search.linear import Ask, Point, evaluate
+from unmodeled.search.linear import EvaluationRequest, Point, evaluate
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, TRUSTED, Local, Member
 from unmodeled.search.records import prepare, ready_records
@@ -106,7 +106,9 @@ def test_a_start_that_is_not_known_takes_up_one_sample():
     problem, _ = _fitted(95.0, 10.0, spring_record("fit", 2))
     known, unknown = (Local("start", 0, 0.0, 1.0, weight) for weight in (1.0, 1e-6))
     fit = (replace(problem.fit[0], local=(known, unknown, unknown)),)
-    assert replace(problem, fit=fit, worth=20.0).worth_with_starts == 22.0
+    assert (
+        replace(problem, fit=fit, discrepancy_samples=20.0).discrepancy_samples_with_starts == 22.0
+    )
 
 
 def test_a_discrepancy_that_the_records_cannot_exclude_counts():
@@ -142,7 +144,7 @@ def test_the_size_of_an_error_of_each_record_is_known_to_an_order_of_magnitude(s
     assert penalty(values) == pytest.approx((DEGREES + n) * np.log1p(25.25 / DEGREES))
     nothing = [
         replace(x, residual=0.0 * x.residual)
-        for x in evaluate(problem, [Ask(members, at(values), problem.fit)])[0]
+        for x in evaluate(problem, [EvaluationRequest(members, at(values), problem.fit)])[0]
     ]
     own = system(problem, problem.fit, members, at(values), nothing, np.ones(1), 1.0)
     for k, (_, _, target) in enumerate(own.locals):

@@ -40,7 +40,15 @@ from unmodeled.fit.model import Effect, Jobs, Model
 from unmodeled.fit.observe import machine_candidates, observe_all
 from unmodeled.search.evidence import Fitted, precision, prior_of, system
 from unmodeled.search.fit import empty_point
-from unmodeled.search.linear import Ask, Linear, Point, evaluate, magnitudes_at, shapes_of, theta_at
+from unmodeled.search.linear import (
+    EvaluationRequest,
+    Linear,
+    Point,
+    evaluate,
+    magnitudes_at,
+    shapes_of,
+    theta_at,
+)
 from unmodeled.search.options import Options
 from unmodeled.search.problem import RELEASED, Cause, Member, Members, Problem
 from unmodeled.search.records import as_parameter, causes_of, problem_of, ready_records
@@ -304,7 +312,9 @@ class Study:
             one = np.ones(len(problem.channels))
             problem = with_variation(problem, Fitted(self.members, point(), (), one))
         further = tuple(h for h in self.hypotheses if self.problem.causes[h.cause].effect)
-        linears = tuple(evaluate(problem, [Ask(self.members, point(), problem.fit, further)])[0])
+        linears = tuple(
+            evaluate(problem, [EvaluationRequest(self.members, point(), problem.fit, further)])[0]
+        )
         if any(linear.failed for linear in linears):
             raise InvalidParameter(f"record {record.name}: its simulation failed")
         return Information(self, problem, point(), linears)
@@ -358,7 +368,11 @@ class Information:
             square[i] += max(left**2 - noise**2, 0.0) / (sd.get(name) or noise or 1.0) ** 2
         random = 1.0 / number
         return dict(
-            zip(samples, precision(square, random, self.problem.worth) / number, strict=True)
+            zip(
+                samples,
+                precision(square, random, self.problem.discrepancy_samples) / number,
+                strict=True,
+            )
         )
 
     def _computed(self, share: Array) -> Array:

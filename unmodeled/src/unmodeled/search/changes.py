@@ -18,7 +18,14 @@ from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, log_evidence
 from unmodeled.search.fit import Start, fit_sets
 from unmodeled.search.held_out import predict
-from unmodeled.search.linear import Ask, Linear, Point, evaluate, local_of, unknowns_of
+from unmodeled.search.linear import (
+    EvaluationRequest,
+    Linear,
+    Point,
+    evaluate,
+    local_of,
+    unknowns_of,
+)
 from unmodeled.search.problem import Observed, Problem, rms_of
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import ParameterValue, Without
@@ -271,7 +278,7 @@ def _at(
     for o, mine, theirs in zip(records, own.local, whole.local, strict=True):
         known = [not q.unknown for q in local_of(problem, fitted.members, o)]
         local.append(np.where(known, theirs, mine) if mine.size == theirs.size else mine)
-    ask = Ask(fitted.members, Point(own.x, tuple(local)), records, derivatives=False)
+    ask = EvaluationRequest(fitted.members, Point(own.x, tuple(local)), records, derivatives=False)
     return tuple(evaluate(problem, [ask])[0])
 
 

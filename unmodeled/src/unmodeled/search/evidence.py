@@ -246,10 +246,10 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     A set leaves noise, and a discrepancy that no cause of the list has. The noise is random, and
     counts the effective share of its samples. The discrepancy is not: another record of the same
     motion repeats it, and one law that is wrong moves many channels. It counts as D samples of all
-    channels (``problem.worth``, and one for each start that is not known, which takes up one),
-    however long the records and however many the channels are, so that small differences between
-    models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson, Journal of
-    the American Statistical Association 114, 2019, 1113). The variances of an estimate by both add,
+    channels (``problem.discrepancy_samples``, and one for each start that is not known, which takes
+    up one), however long the records and however many the channels are, so that small differences
+    between models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson,
+    Journal of the American Statistical Association 114, 2019, 1113). The variances of an estimate by both add,
     so that the effective number N of samples of a channel is
 
         f^2 / N = 1 / (q n) + m d^2 / D,    m = (sum d^2)^2 / sum d^4
@@ -262,11 +262,15 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     share = max(one.effective, other.effective)
     samples = np.maximum(problem.samples, 1.0)
     square = np.minimum(one.noise, other.noise) ** 2
-    worth = problem.worth_with_starts
-    return square * precision(square, 1.0 / (share * samples), worth, CHANCE) / samples
+    discrepancy_samples = problem.discrepancy_samples_with_starts
+    return (
+        square * precision(square, 1.0 / (share * samples), discrepancy_samples, CHANCE) / samples
+    )
 
 
-def precision(square: Array, random: Array, worth: float, chance: float = -1.0) -> Array:
+def precision(
+    square: Array, random: Array, discrepancy_samples: float, chance: float = -1.0
+) -> Array:
     """Inverse variance of an estimate by a noise and a discrepancy together, by channel, (m,).
 
     Parameters
@@ -276,14 +280,14 @@ def precision(square: Array, random: Array, worth: float, chance: float = -1.0) 
         All channels, which share one discrepancy.
     random
         Inverse number of independent samples.
-    worth
+    discrepancy_samples
         Number of samples as which the discrepancy counts.
     chance
         Multiple of what chance allows that is added to the discrepancy [1].
     """
     discrepancy = np.maximum(square - 1.0 + 2.0 * chance * np.sqrt(2.0 * random), 0.0)
     sharing = discrepancy.sum() ** 2 / max(float(np.sum(discrepancy**2)), 1e-300)
-    return np.asarray(1.0 / (random + sharing * discrepancy / worth))
+    return np.asarray(1.0 / (random + sharing * discrepancy / discrepancy_samples))
 
 
 def log_odds(problem: Problem, one: Fitted, other: Fitted) -> float:

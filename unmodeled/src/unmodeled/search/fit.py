@@ -25,7 +25,14 @@ from unmodeled.search.evidence import (
     system,
     weights,
 )
-from unmodeled.search.linear import Ask, Linear, Point, count_global, evaluate, local_of
+from unmodeled.search.linear import (
+    EvaluationRequest,
+    Linear,
+    Point,
+    count_global,
+    evaluate,
+    local_of,
+)
 from unmodeled.search.problem import Members, Observed, Problem
 from unmodeled.search.progress import Stop
 
@@ -50,7 +57,7 @@ SAME_POINT = 0.05
 #: Effective share below which a model is so wrong that it may have moved the parameters far away.
 POOR = 0.3
 
-Steps = Generator[Ask, list[Linear], Any]
+Steps = Generator[EvaluationRequest, list[Linear], Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,11 +86,11 @@ class Descent:
     """Whether it ends where the noise changes little."""
 
 
-def together(
+def run_in_lockstep(
     problem: Problem,
     runs: Sequence[Steps],
     check: Callable[[], None] = lambda: None,
-    hopeless: Callable[[Iterable[int]], set[int]] = lambda _: set(),
+    prune: Callable[[Iterable[int]], set[int]] = lambda _: set(),
 ) -> list[Any]:
     """Advance fits in step until all have ended; their results, None: it failed.
 
@@ -95,11 +102,11 @@ def together(
         The fits.
     check
         Is called before each step; may raise :class:`Stop`.
-    hopeless
+    prune
         Those of some fits that shall end before their next step; their results are then None.
     """
     results: list[Any] = [None] * len(runs)
-    waiting: dict[int, Ask] = {}
+    waiting: dict[int, EvaluationRequest] = {}
 
     def advance(i: int, value: list[Linear] | None) -> None:
         try:
@@ -113,7 +120,7 @@ def together(
         advance(i, None)
     while waiting:
         check()
-        ended = hopeless(waiting)
+        ended = prune(waiting)
         asks, waiting = {i: a for i, a in waiting.items() if i not in ended}, {}
         answers = evaluate(problem, list(asks.values()))
         for i, answer in zip(asks, answers, strict=True):
@@ -146,7 +153,7 @@ def fit_sets(
         for k, point in enumerate(s.points)
     ]
 
-    def hopeless(waiting: Iterable[int]) -> set[int]:
+    def prune(waiting: Iterable[int]) -> set[int]:
         known = [f.now for f in fits if f.now is not None]
         some = [i for i in waiting if fits[i].now is not None and np.isfinite(fits[i].gain)]
         if not some:
@@ -167,7 +174,7 @@ def fit_sets(
 
     reason: BaseException | None = None
     try:
-        together(problem, [_descend(f) for f in fits], check, hopeless)
+        run_in_lockstep(problem, [_descend(f) for f in fits], check, prune)
     except (Stop, KeyboardInterrupt) as stop:
         reason = stop
     best, found = [], iter(fits)
@@ -278,7 +285,7 @@ def _descend(fit: Descent) -> Steps:
     prior = prior_of(problem, members)
     low, high = _limits(problem, members)
     point = replace(point, x=np.clip(point.x, low, high))
-    first = seen = [*fit.known] or (yield Ask(members, point, problem.fit))
+    first = seen = [*fit.known] or (yield EvaluationRequest(members, point, problem.fit))
     if any(x.failed for x in seen):
         return None
     # The weight is that of what the set leaves: at the start, the motion itself is a residual, and
@@ -317,7 +324,7 @@ def _descend(fit: Descent) -> Steps:
                 point.x + step,
                 tuple(a + b for a, b in zip(point.local, local, strict=True)),
             )
-            found = yield Ask(members, moved, problem.fit, derivatives=derivatives)
+            found = yield EvaluationRequest(members, moved, problem.fit, derivatives=derivatives)
             cost = _cost(problem, problem.fit, members, prior, moved, found, weight)
             if cost < now:
                 gain = now - cost
@@ -326,7 +333,7 @@ def _descend(fit: Descent) -> Steps:
                     found = (
                         _secant(seen, found, step, local)
                         if stale
-                        else (yield Ask(members, moved, problem.fit))
+                        else (yield EvaluationRequest(members, moved, problem.fit))
                     )
                 # The next first trial is mostly accepted, and its successor needs derivatives.
                 derivatives = problem.model.cheap_derivatives
@@ -335,7 +342,7 @@ def _descend(fit: Descent) -> Steps:
                 radius = max(radius, 2.0 * length)
                 break
             if stale and trial == STALE:
-                seen, stale = (yield Ask(members, point, problem.fit)), False
+                seen, stale = (yield EvaluationRequest(members, point, problem.fit)), False
                 continue
             if not stale and cost < now + CONVERGED:  # flat
                 break
@@ -347,7 +354,7 @@ def _descend(fit: Descent) -> Steps:
         if fit.gain < CONVERGED:
             if not stale:
                 break
-            seen, stale = (yield Ask(members, point, problem.fit)), False
+            seen, stale = (yield EvaluationRequest(members, point, problem.fit)), False
         settled = settled or gain < CONVERGED
     fit.now = Fitted(members, point, tuple(seen), noise)
     return fit.now
@@ -371,14 +378,14 @@ def _secant(
 
 def first_step(
     problem: Problem, point: Point
-) -> Generator[Ask, list[Linear], tuple[Linear, ...] | None]:
+) -> Generator[EvaluationRequest, list[Linear], tuple[Linear, ...] | None]:
     """Residuals and derivatives of the model alone at a point; None: it is far from linear there.
 
     It is if a step does not gain what it promises.
     """
     prior = prior_of(problem, ())
     low, high = _limits(problem, ())
-    seen = yield Ask((), point, problem.fit)
+    seen = yield EvaluationRequest((), point, problem.fit)
     if any(x.failed for x in seen):
         return None
     noise = noise_left(problem, seen)
@@ -387,7 +394,7 @@ def first_step(
     if float(np.abs(step).max(initial=0.0)) > RADIUS:
         return None
     moved = Point(point.x + step, tuple(a + b for a, b in zip(point.local, local, strict=True)))
-    found = yield Ask((), moved, problem.fit, derivatives=False)
+    found = yield EvaluationRequest((), moved, problem.fit, derivatives=False)
     now, cost = (
         _cost(problem, problem.fit, (), prior, p, x, np.ones(len(problem.channels)))
         for p, x in ((point, seen), (moved, found))
@@ -412,7 +419,7 @@ def fit_local(
     weight: Array,
     rounds: int = 6,
     parts: Sequence[float] = (1.0,),
-) -> Generator[Ask, list[Linear], Fitted | None]:
+) -> Generator[EvaluationRequest, list[Linear], Fitted | None]:
     """Fit the unknowns of records only; the global unknowns keep their values.
 
     Parameters
@@ -441,7 +448,7 @@ def fit_local(
             out.append(Linear(x.residual[:n], x.by_global[:n], x.by_local[:n], x.by_further[:n]))
         return out
 
-    seen = yield Ask(members, point, records, by_global=False)
+    seen = yield EvaluationRequest(members, point, records, by_global=False)
     for part in parts:
         now = cut(seen, part)
         local_point = Point(none, point.local)
@@ -458,7 +465,7 @@ def fit_local(
                     for a, (inner, _, target) in zip(point.local, own.locals, strict=True)
                 ),
             )
-            found = yield Ask(members, moved, records, by_global=False)
+            found = yield EvaluationRequest(members, moved, records, by_global=False)
             trial = Point(none, moved.local)
             own_cost = _cost(problem, records, members, prior, trial, cut(found, part), weight)
             if not own_cost < cost:

@@ -9,7 +9,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, weights
-from unmodeled.search.fit import fit_local, together
+from unmodeled.search.fit import fit_local, run_in_lockstep
 from unmodeled.search.linear import Point, local_of
 from unmodeled.search.problem import Problem
 
@@ -62,7 +62,7 @@ def predict(
         )
     return [
         None if f is None else Predicted(f.point, tuple(x.residual for x in f.linears))
-        for f in together(problem, runs, step)
+        for f in run_in_lockstep(problem, runs, step)
     ]
 
 

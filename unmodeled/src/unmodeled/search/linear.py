@@ -45,7 +45,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class Ask:
+class EvaluationRequest:
     """A point at which residuals are wanted, with or without derivatives."""
 
     members: Members
@@ -170,7 +170,7 @@ def _weight_of(state: State) -> float:
     return float((state.scale / sd) ** 2)
 
 
-def evaluate(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+def evaluate(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[Linear]]:
     """Residuals, and derivatives where they are wanted, by record of each request.
 
     All simulations of all requests are one call of the model, so that a model that simulates many
@@ -187,7 +187,7 @@ def evaluate(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
     return [found[id(ask)] for ask in asks]
 
 
-def start_states(problem: Problem, ask: Ask, r: int) -> Array:
+def start_states(problem: Problem, ask: EvaluationRequest, r: int) -> Array:
     """Start states of the model and of the effects of a set [their units], (nx,)."""
     observed, values = ask.records[r], ask.point.local[r]
     states = problem.model.states(machine_candidates(problem.candidates(ask.members)))
@@ -198,7 +198,7 @@ def start_states(problem: Problem, ask: Ask, r: int) -> Array:
     return start
 
 
-def request_at(problem: Problem, ask: Ask, r: int) -> SensitivityRequest:
+def request_at(problem: Problem, ask: EvaluationRequest, r: int) -> SensitivityRequest:
     """The simulation of a record at a point, and the derivatives that are wanted."""
     x, observed = ask.point.x, ask.records[r]
     included = shapes_of(problem, ask.members, x)
@@ -218,7 +218,7 @@ def request_at(problem: Problem, ask: Ask, r: int) -> SensitivityRequest:
     )
 
 
-def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+def _plain(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[Linear]]:
     requests = [request_at(problem, ask, r) for ask in asks for r in range(len(ask.records))]
     batches = [(request.record, request.jobs()) for request in requests]
     runs = iter(observe_all(problem.model, batches))
@@ -234,7 +234,7 @@ def _plain(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
     return out
 
 
-def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
+def _derived(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[Linear]]:
     requests = [request_at(problem, ask, r) for ask in asks for r in range(len(ask.records))]
     found_all = observed_sensitivities(problem.model, requests) if requests else []
     by_shapes = iter(_by_shapes(problem, asks, requests, found_all))
@@ -271,7 +271,7 @@ def _derived(problem: Problem, asks: Sequence[Ask]) -> list[list[Linear]]:
     return out
 
 
-def _shape_changes(problem: Problem, ask: Ask) -> list[ShapeChange]:
+def _shape_changes(problem: Problem, ask: EvaluationRequest) -> list[ShapeChange]:
     """Central differences by the unknowns of shapes."""
     if not ask.by_global:
         return []
@@ -286,7 +286,7 @@ def _shape_changes(problem: Problem, ask: Ask) -> list[ShapeChange]:
 
 def _by_shapes(
     problem: Problem,
-    asks: Sequence[Ask],
+    asks: Sequence[EvaluationRequest],
     requests: Sequence[SensitivityRequest],
     found: Sequence[Sensitivity],
 ) -> Iterator[Array]:
@@ -316,7 +316,7 @@ def _by_shapes(
 
 
 def _sensed(
-    problem: Problem, ask: Ask, r: int, outputs: Array, columns: Array
+    problem: Problem, ask: EvaluationRequest, r: int, outputs: Array, columns: Array
 ) -> tuple[Array, Array, Array]:
     """Readings with the errors of the sensors of a record, and their derivatives.
 

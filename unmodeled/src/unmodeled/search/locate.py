@@ -19,7 +19,7 @@ from unmodeled.fit.observe import motion, observe_all
 from unmodeled.search.evidence import Fitted, log_evidence, prior_of, system
 from unmodeled.search.fit import noise_left
 from unmodeled.search.linear import (
-    Ask,
+    EvaluationRequest,
     Linear,
     Point,
     magnitudes_at,
@@ -192,7 +192,7 @@ def _smooth() -> Array:
 
 def _jobs(problem: Problem, fitted: Fitted, r: int, count: int) -> Jobs:
     """Equal simulations of a record."""
-    ask = Ask(fitted.members, fitted.point, problem.fit)
+    ask = EvaluationRequest(fitted.members, fitted.point, problem.fit)
     return Jobs(
         theta=np.tile(theta_at(problem, fitted.point.x), (count, 1)),
         starts=np.tile(start_states(problem, ask, r), (count, 1)),

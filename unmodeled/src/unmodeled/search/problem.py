@@ -169,14 +169,14 @@ class Problem:
     """Whether the noise of all sensors is estimated, because no record states it."""
     notes: tuple[str, ...] = ()
     """Assumptions about the records, for the report."""
-    worth: float = TRUSTED
+    discrepancy_samples: float = TRUSTED
     """Number of samples as which a discrepancy of the model counts, in all channels together,
     besides those that the unknown starts take up [1]."""
 
     @cached_property
-    def worth_with_starts(self) -> float:
-        """``worth``, and one sample for each start state that is not known [1]."""
-        return self.worth + sum(q.unknown for o in self.fit for q in o.local)
+    def discrepancy_samples_with_starts(self) -> float:
+        """``discrepancy_samples``, and one sample for each start state that is not known [1]."""
+        return self.discrepancy_samples + sum(q.unknown for o in self.fit for q in o.local)
 
     @cached_property
     def locals_known(

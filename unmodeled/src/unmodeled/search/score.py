@@ -11,7 +11,7 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, prior_of, system, weights
-from unmodeled.search.linear import Ask, evaluate
+from unmodeled.search.linear import EvaluationRequest, evaluate
 from unmodeled.search.problem import RELEASED, Member, Members, Problem
 
 #: Number of causes whose derivatives are computed at a further fit.
@@ -77,7 +77,9 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
             gains[m.cause] = max(gains.get(m.cause, 0.0), float(b * b / a) if a > 0.0 else 0.0)
         likely = sorted(gains, key=lambda i: -gains[i])[:LIKELY]
         further = tuple(m for m in further if m.cause in likely)
-    ask = Ask(fitted.members, fitted.point, problem.fit, further, by_global=False, rough=True)
+    ask = EvaluationRequest(
+        fitted.members, fitted.point, problem.fit, further, by_global=False, rough=True
+    )
     linears = evaluate(problem, [ask])[0]
     return Directions(further, tuple(x.by_further for x in linears))
 

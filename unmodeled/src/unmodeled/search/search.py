@@ -25,10 +25,17 @@ from unmodeled.search.fit import (
     fit_local,
     fit_sets,
     noise_left,
-    together,
+    run_in_lockstep,
 )
 from unmodeled.search.held_out import Predicted
-from unmodeled.search.linear import Ask, Linear, Point, evaluate, local_of, unknowns_of
+from unmodeled.search.linear import (
+    EvaluationRequest,
+    Linear,
+    Point,
+    evaluate,
+    local_of,
+    unknowns_of,
+)
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Member, Members, Observed, Problem
 from unmodeled.search.progress import Limit, Stop
@@ -167,7 +174,7 @@ def model_alone(
     point, fitted = empty_point(problem, (), problem.fit), None
     hidden = any(q.unknown for o in problem.fit for q in o.local)
     try:
-        known = None if hidden else together(problem, [first_step(problem, point)], step)[0]
+        known = None if hidden else run_in_lockstep(problem, [first_step(problem, point)], step)[0]
         start = Start((), (point,), () if known is None else known)
         for part in (1.0,) if known is not None else PARTS:
             cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
@@ -194,10 +201,10 @@ def _tabulated(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Fit
     run = fit_local(
         problem, problem.fit, (), point, alone.noise, every, parts=(0.03, 0.1, 0.3, 1.0)
     )
-    local: Fitted | None = together(problem, [run], step)[0]
+    local: Fitted | None = run_in_lockstep(problem, [run], step)[0]
     if local is None:
         return None
-    linears = evaluate(problem, [Ask((), local.point, problem.fit)])[0]
+    linears = evaluate(problem, [EvaluationRequest((), local.point, problem.fit)])[0]
     if any(x.failed for x in linears):
         return None
     return Fitted((), local.point, tuple(linears), noise_left(problem, linears))
@@ -354,10 +361,14 @@ def with_all_records(
         The time is up before the model alone was compared with all records.
     """
     problem = found.problem
-    everything = replace(problem, fit=(*problem.fit, *problem.held_out), held_out=(), worth=STRICT)
+    everything = replace(
+        problem, fit=(*problem.fit, *problem.held_out), held_out=(), discrepancy_samples=STRICT
+    )
     out = Searched(everything, first=found.first, ended_by=found.ended_by)
     pairs = [(s, p) for s, p in zip(sets, predicted, strict=True) if p is not None]
-    held = evaluate(problem, [Ask(s.members, p.point, problem.held_out) for s, p in pairs])
+    held = evaluate(
+        problem, [EvaluationRequest(s.members, p.point, problem.held_out) for s, p in pairs]
+    )
     starts = [
         Start(
             s.members,

@@ -16,7 +16,7 @@ from unmodeled.fit.noise import sd_of_knots
 from unmodeled.fit.observe import observed_sensitivities
 from unmodeled.search.evidence import Fitted
 from unmodeled.search.fit import empty_point
-from unmodeled.search.linear import Ask, Point, request_at
+from unmodeled.search.linear import EvaluationRequest, Point, request_at
 from unmodeled.search.problem import Local, Members, Observed, Problem
 
 #: Largest number of knots of the noise of an input, and of modes of a record.
@@ -53,7 +53,7 @@ def _with_modes(
         replace(o, local=tuple(q for q in o.local if q.kind != "mode"), modes=None) for o in records
     ]
     point = Point(x, empty_point(problem, members, plain).local)
-    ask = Ask(members, point, tuple(plain), by_global=False)
+    ask = EvaluationRequest(members, point, tuple(plain), by_global=False)
     requests = [
         replace(
             request_at(problem, ask, r),

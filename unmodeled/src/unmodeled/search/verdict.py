@@ -24,7 +24,7 @@ from unmodeled.search.evidence import (
 from unmodeled.search.fit import empty_point
 from unmodeled.search.held_out import Predicted, compare, predict
 from unmodeled.search.linear import (
-    Ask,
+    EvaluationRequest,
     evaluate,
     local_of,
     magnitudes_at,
@@ -255,7 +255,7 @@ def _posterior(
     set that the held-out records support.
     """
     problem = searched.problem
-    strict, sets = replace(problem, worth=STRICT), list(searched.sets.values())
+    strict, sets = replace(problem, discrepancy_samples=STRICT), list(searched.sets.values())
     if not problem.held_out:
         return strict, *rank(strict, sets), {}, False, None
     some: dict[tuple[int, ...], Fitted] = {}
@@ -305,7 +305,7 @@ def _supported(
     record, or are at a limit. ``predicted`` gets the predictions of the sets without a member.
     """
     problem = searched.problem
-    strict = replace(problem, worth=STRICT)
+    strict = replace(problem, discrepancy_samples=STRICT)
     base, found = predicted[()], None
     if base is None:
         return None
@@ -475,16 +475,18 @@ def _has_shape(problem: Problem, cause: int) -> bool:
 def _by_trust(problem: Problem, sets: Sequence[Fitted], options: Options) -> tuple[str, ...]:
     """A note if the told causes depend on the number of samples as which a discrepancy counts."""
     said = {}
-    for worth in (0.5 * STRICT, STRICT, 2.0 * STRICT):
-        told, classes = _told(*rank(replace(problem, worth=worth), sets), options.credibility)
+    for count in (0.5 * STRICT, STRICT, 2.0 * STRICT):
+        told, classes = _told(
+            *rank(replace(problem, discrepancy_samples=count), sets), options.credibility
+        )
         names = [problem.causes[i].name for i in told]
         names += ["one of " + ", ".join(problem.causes[i].name for i in g) for g in classes]
-        said[worth] = " and ".join(names) or "nothing"
+        said[count] = " and ".join(names) or "nothing"
     now = said.pop(STRICT)
     return tuple(
-        f"If a discrepancy of the model counted as {worth:g} samples instead of {STRICT:g}, {text} "
+        f"If a discrepancy of the model counted as {count:g} samples instead of {STRICT:g}, {text} "
         "would be told"
-        for worth, text in said.items()
+        for count, text in said.items()
         if text != now
     )
 
@@ -574,7 +576,11 @@ def _precision(problem: Problem, fitted: Fitted) -> tuple[System, Array]:
     """
     samples = np.maximum(problem.samples, 1.0)
     left = np.maximum(fitted.noise / np.maximum(_white(problem, fitted), 1.0), 1.0) ** 2
-    weight = left * precision(left, 1.0 / (fitted.effective * samples), worth=1.0) / samples
+    weight = (
+        left
+        * precision(left, 1.0 / (fitted.effective * samples), discrepancy_samples=1.0)
+        / samples
+    )
     point, linears = fitted.point, fitted.linears
     own = system(problem, problem.fit, fitted.members, point, linears, fitted.noise, weight)
     prior = prior_of(problem, fitted.members).weights(point.x)
@@ -769,7 +775,7 @@ def _channels(
             for o, values in zip(problem.fit, alone.point.local, strict=True)
         ),
     )
-    seen = evaluate(problem, [Ask((), start, problem.fit, derivatives=False)])[0]
+    seen = evaluate(problem, [EvaluationRequest((), start, problem.fit, derivatives=False)])[0]
     tabulated = rms_of(problem.fit, (x.residual for x in seen))
     calibrated, explained = _rms(problem, alone), _rms(problem, best)
     noise = problem.noise * (_white(problem, best) if problem.noise_estimated else 1.0)
