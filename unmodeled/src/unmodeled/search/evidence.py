@@ -249,8 +249,8 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     channels (``problem.discrepancy_samples``, and one for each start that is not known, which takes
     up one), however long the records and however many the channels are, so that small differences
     between models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson,
-    Journal of the American Statistical Association 114, 2019, 1113). The variances of an estimate by both add,
-    so that the effective number N of samples of a channel is
+    Journal of the American Statistical Association 114, 2019, 1113). The variances of an estimate
+    by both add, so that the effective number N of samples of a channel is
 
         f^2 / N = 1 / (q n) + m d^2 / D,    m = (sum d^2)^2 / sum d^4
 
