@@ -103,7 +103,7 @@ Changes
 The search ended at its limit of time.
 - The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231); 98 % sure; in
   held-out records, 2.4 % of the motion of angle is left, and 8.4 % without it;
-  in each record 0.0211, 0.0216; threshold speed [rad/s] 0.01. A constant torque
+  in each record 0.0211, 0.0216; threshold speed 0.01 rad/s. A constant torque
   acts against the motion.
 - Either the delay of sensor angle is off by 2.10 ms (1.50 to 2.70) or the
   parameter J is 0.02500 kg m^2 (0.02400 to 0.02600) instead of 0.02; 2.2 % of

@@ -239,7 +239,9 @@ def _item(c: Change) -> str:
         notes.append(f"in each record {', '.join(each)}")
     numbers = c.shape if isinstance(c.shape, tuple) else (c.shape,)
     for name, value in zip(c.shape_names, numbers, strict=False):
-        notes.append(f"{name} {value if isinstance(value, str) else f'{value:.3g}'}")
+        what, _, unit = name.removesuffix("]").partition(" [")
+        of = value if isinstance(value, str) else f"{value:.3g}"
+        notes.append(f"{what} {of}{'' if unit in ('', '1') else f' {unit}'}")
     return "; ".join(notes) + (f". {c.mechanism}" if c.mechanism else "")
 
 
