@@ -300,10 +300,11 @@ for folder in (".", "unmodeled"):
 PYTHON
 }
 
-fingerprint() {  # of all that decides what the installed package is
+fingerprint() {  # of all that decides what the installed package is, without what its build writes
   {
     find pyproject.toml CMakeLists.txt README.md LICENSE cpp python unmodeled/pyproject.toml \
-      unmodeled/setup.py unmodeled/README.md unmodeled/LICENSE unmodeled/src -name __pycache__ -prune -o -type f -print0 |
+      unmodeled/setup.py unmodeled/README.md unmodeled/LICENSE unmodeled/src \
+      \( -name __pycache__ -o -name '*.egg-info' -o -name '*.so' -o -name '*.wasm' \) -prune -o -type f -print0 |
       LC_ALL=C sort -z | xargs -0 sha256sum
     # shellcheck disable=SC2086
     "$vpy" -VV && $CXX --version

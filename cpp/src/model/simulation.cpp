@@ -651,6 +651,7 @@ class Run {
     if (!whole_) whole_ = make_integrator(true);
     ++result_.strikes;
     start_at(*whole_, t);
+    read_felt_rates(t);
     return whole_.get();
   }
 
@@ -710,8 +711,12 @@ class Run {
     TurningPoints& turns = dynamics.turns(contact);
     CurveValue after = felt(contact);
     const double remembered = largest()[contact];
+    // The rate tells the way, unless it leaves a doubt: the felt may have passed its last turning
+    // point backward, which the law takes for none, while the list still holds it.
     const bool rises =
-        turns.size() % 2 == 1 || std::isnan(before) || (turns.empty() && after.force > remembered);
+        std::fabs(before) > sure_rate()
+            ? before > 0.0
+            : turns.size() % 2 == 1 || std::isnan(before) || after.force > remembered;
     felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
     const double way = rises ? 1.0 : -1.0;
     if (state.closed && way * after.slope > sure_rate()) return;
@@ -815,11 +820,18 @@ class Run {
         reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
     remembered = std::max(remembered, reversal.compression);
     start_at(integrator, reversal.time);
-    system_.locate(reversal.time, y_, Detail::kAllContacts);
-    for (std::size_t i = 0; i < remembering_.size(); ++i) {
-      felt_rate_[i] = remembering_[i] == at(reversal.contact) ? 0.0 : felt(remembering_[i]).slope;
-    }
+    read_felt_rates(reversal.time, reversal.contact);
     ++result_.reversals;
+  }
+
+  /// Rates where a step was cut, of which the felts knew those at its end. One turns there.
+  void read_felt_rates(double t, int turning = -1) {
+    if (remembering_.empty()) return;
+    system_.locate(t, y_, Detail::kAllContacts);
+    for (std::size_t i = 0; i < remembering_.size(); ++i) {
+      const bool turns = static_cast<int>(remembering_[i]) == turning;
+      felt_rate_[i] = turns ? 0.0 : felt(remembering_[i]).slope;
+    }
   }
 
   void prepare_outputs() {
