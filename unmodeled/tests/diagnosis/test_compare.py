@@ -503,6 +503,20 @@ def test_a_sensor_that_lags_in_every_record_is_told():
     )
 
 
+def test_check_says_what_comes_next(tmp_path, capsys):
+    (tmp_path / "spring.py").write_text(
+        "from unmodeled import Simulator\n"
+        "def line(time, inputs, parameters):\n"
+        "    return {'y': parameters['k'] * inputs['push']}\n"
+        "model = Simulator(line, parameters={'k': (2.0, 0.1, '')})\n"
+    )
+    time = np.linspace(0.0, 1.0, 50)
+    rows = [f"{t:.3f},{np.sin(9 * t):.6f},{2.2 * np.sin(9 * t) ** 3:.6f}" for t in time]
+    (tmp_path / "run.csv").write_text("\n".join(["t,push,y", *rows]))
+    assert command("check", str(tmp_path / "spring.py"), str(tmp_path / "run.csv")) == 0
+    assert "go on with `unmodeled diagnose`" in " ".join(capsys.readouterr().out.split())
+
+
 def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     record = models.records(1)[0]
     other = replace(record, outputs={"w": record.time}, sensors={"w": Sensor(name="w", unit="m")})

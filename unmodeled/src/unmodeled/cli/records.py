@@ -98,6 +98,9 @@ def check(
         _print_notes(
             [*(h.text for h in comparison.hints), *comparison.notes, *_without_noise(comparison)]
         )
+        if not comparison.hints:
+            say("No unit, sign, delay or order of columns explains the difference: go on with "
+                "`unmodeled diagnose`.")  # fmt: skip
     save_figure(picture, comparison.plot, force=force)
 
 

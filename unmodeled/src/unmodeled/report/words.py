@@ -135,7 +135,7 @@ def _clause(c: Change) -> str:
 
 def _with_article(name: str) -> str:
     if len(name) == 1:
-        return f"the coordinate {name}"
+        return f"the state {name}"
     return name if name[:4].lower() == "the " else f"the {name}"
 
 
