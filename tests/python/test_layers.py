@@ -207,6 +207,10 @@ def python_faults(root: Path) -> Iterator[str]:
                 yield from check_use(package, path, user, name[1] if inside else "__init__")
 
 
+#: The compiled core, and attributes of objects of Python's library.
+NOT_OURS = ("_core", "_is_protocol", "_max_workers")
+
+
 def private_faults(root: Path) -> Iterator[str]:
     """Private attributes and names that are used in another file than that which binds them.
 
@@ -226,8 +230,15 @@ def private_faults(root: Path) -> Iterator[str]:
                     used.append((ast.unparse(node.value), node.attr, node.lineno))
                 elif isinstance(node, ast.ImportFrom):
                     used += [(node.module, alias.name, node.lineno) for alias in node.names]
+                elif isinstance(node, ast.Call) and ast.unparse(node.func) in (
+                    "getattr",
+                    "setattr",
+                ):
+                    name = node.args[1]
+                    if isinstance(name, ast.Constant):
+                        used.append((ast.unparse(node.args[0]), name.value, node.lineno))
             for owner, name, line in used:
-                private = re.fullmatch("_[a-z]\\w*", name) and name != "_core"
+                private = re.fullmatch("_[a-z]\\w*", name) and name not in NOT_OURS
                 if private and name not in bound and owner not in ("self", "out", "sys", "_core"):
                     yield f"{path}:{line}: {owner}.{name} is private to another file"
 
@@ -333,10 +344,11 @@ def test_private_name_is_found(tmp_path):
     package = tmp_path / PACKAGES["feltmb"]
     package.mkdir(parents=True)
     (package / "a.py").write_text("from feltmb.b import _c\nx = _c()\nself._d = 1\nself._e(_d)")
-    (package / "b.py").write_text("def _c(y):\n    return y._e")
+    (package / "b.py").write_text("def _c(y):\n    return y._e, getattr(y, '_f', None)")
     assert list(private_faults(tmp_path)) == [
         "python/feltmb/a.py:1: feltmb.b._c is private to another file",
         "python/feltmb/b.py:2: y._e is private to another file",
+        "python/feltmb/b.py:2: y._f is private to another file",
     ]
 
 

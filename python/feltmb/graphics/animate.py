@@ -30,9 +30,9 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_writable, write_file
 from unmodeled.style import (
     BLACK,
-    FELT,
     INK,
     NORMAL,
+    PAD,
     PURPLE,
     RED,
     SMALL,
@@ -175,7 +175,7 @@ def _palette(image: Any) -> Any:
     for i in range(0, len(found), 3):
         if min(found[i : i + 3]) > 247:
             found[i : i + 3] = [255, 255, 255]
-    for color in ("#FFFFFF", RED, PURPLE, INK, BLACK, SURFACE, FELT):
+    for color in ("#FFFFFF", RED, PURPLE, INK, BLACK, SURFACE, PAD):
         rgb = np.array(to_rgb(color))
         # Also colors half-way to white, for smooth edges.
         for share in (1.0, 0.5):

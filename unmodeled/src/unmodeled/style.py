@@ -18,7 +18,6 @@ __all__ = [
     "BLUE",
     "CYCLE",
     "DPI",
-    "FELT",
     "FILLS",
     "GRAY",
     "GREEN",
@@ -26,6 +25,7 @@ __all__ = [
     "LARGE",
     "NORMAL",
     "ORANGE",
+    "PAD",
     "PALE",
     "PURPLE",
     "RAIL",
@@ -81,7 +81,7 @@ FILLS = ("#F3E7CC", "#CFE6F5", "#F9D9B8", "#D5EBDC", "#E8D3E4", "#F6F2B6", "#DDD
 INK = "#3A3A3A"
 
 
-FELT = "#C77B74"
+PAD = "#C77B74"
 
 
 RAIL = "#C9C2B8"

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from feltmb.graphics.plot.outlines import spiral
 from feltmb.graphics.plot.poses import Pose, moving_joints, spring_bodies, string_line, string_reach
 from feltmb.graphics.plot.shapes import Scene, Shape, shape_points
-from unmodeled.style import FELT, GRAY, GREEN, INK, RAIL, SURFACE, body_fill
+from unmodeled.style import GRAY, GREEN, INK, PAD, RAIL, SURFACE, body_fill
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -50,7 +50,7 @@ def draw_bodies(
             "wood": (fill or body_fill(drawn.group[body]), INK),
             "lead": ("#8A8A8A", "#555555"),
         }
-        pads = {"facecolors": FELT, "alpha": 0.45} if body != "ground" else {"facecolors": RAIL}
+        pads = {"facecolors": PAD, "alpha": 0.45} if body != "ground" else {"facecolors": RAIL}
         artists[body] = list(_artists(own, colors, pads, 2.0 + 0.1 * order))
         for artist, _ in artists[body]:
             artist.set_transform(body_transform(ax, poses[body]))

@@ -53,7 +53,7 @@ def package_digest(package: str) -> str:
     Parameters
     ----------
     package
-        Name of an imported package, such as ``"feltmb"``.
+        Name of an imported package, such as ``"unmodeled"``.
 
     Raises
     ------

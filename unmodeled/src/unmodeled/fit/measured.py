@@ -2,7 +2,7 @@
 
 ::
 
-    [measured."felt.04"]
+    [measured."spring.04"]
     value = "3 %"
     sd = "2 %"
     how = "compression test of 2026-11-20"

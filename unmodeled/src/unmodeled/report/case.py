@@ -221,7 +221,7 @@ def _origin_of(model: Model) -> tuple[Origin | None, str]:
             for name, value in list(vars(module).items()):
                 if value is model:
                     return Origin("load_model", f"{file}:{name}"), ""
-    function = getattr(model, "_function", None)
+    function = getattr(model, "function", None)
     code = getattr(function, "__code__", None)
     if function is not None and code is not None and is_file(Path(code.co_filename)):
         top = function.__qualname__ == function.__name__ != "<lambda>"

@@ -206,7 +206,7 @@ def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
     )
 
 
-#: Largest value by SI unit. Differences of longer lengths would lose the size of a felt.
+#: Largest value by SI unit. Differences of longer lengths would lose the size of a small part.
 _LARGEST = {"m": 1e6}
 
 
