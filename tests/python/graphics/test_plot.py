@@ -589,7 +589,7 @@ def test_a_run_with_several_notes_shows_each_strike():
     assert [w for w in words if w.startswith("strike ")] == [f"strike {i}" for i in range(1, 6)]
     assert sum(w.endswith(" m/s") for w in words) == count
     (below,) = (t.get_text() for t in figure.texts if t.get_text().startswith("strike 1 at"))
-    assert below.splitlines()[2].startswith("strike 3 at 236.4 ms   impact speed 1.26 m/s")
+    assert below.splitlines()[2].startswith("strike 3 at 236.5 ms   impact speed 1.26 m/s")
     # The last note is in all panels.
     last = 1e3 * run.strike_list[-1]["impact_time"]
     assert all(ax.get_xlim()[1] > last for ax in figure.axes)
