@@ -1,6 +1,7 @@
 """Measured files as instruments and trackers write them."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from unmodeled.cli.options import declare
 from unmodeled.data import ReadOptions, read_record, read_records, write_record
 from unmodeled.data.mapping import Signals
 from unmodeled.data.sketch import sketch_sheet
+from unmodeled.data.tables import text_lines
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.units import spelled_unit, split_column
 
@@ -600,3 +602,9 @@ def test_an_empty_unit_of_a_model_is_none_that_is_known(tmp_path):
     path = put(tmp_path, "time [s],T\n0,2\n1,3\n")
     record = read_record(path, outputs=["T"], units={"T": ""})
     assert record.outputs["T"].tolist() == [2.0, 3.0]
+
+
+@pytest.mark.parametrize("name", ["Course de l’outil", "A–B", "Abstand „a“", "Größe"])
+def test_quotes_and_dashes_of_western_files_are_no_kanji(name):
+    (line,) = text_lines(f"Temps [s];{name} [mm];Force [N]".encode("cp1252"), Path("a.csv")).texts
+    assert line == f"Temps [s];{name} [mm];Force [N]"

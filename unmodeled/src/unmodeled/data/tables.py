@@ -132,12 +132,14 @@ def _is_chinese(data: bytes) -> bool:
 def _is_japanese(data: bytes) -> bool:
     """Whether it is Shift JIS, and most characters above ASCII are kana or frequent kanji.
 
-    Windows-1252 is seldom valid Shift JIS, and then has rare kanji or half-width kana.
+    Windows-1252 is seldom valid Shift JIS, and then has rare kanji or half-width kana. Its quotes
+    and dashes are a frequent kanji with the letter after them, which stands alone: not counted.
     """
     try:
-        above = [c for c in data.decode("cp932") if ord(c) > 0x7F]
+        words = re.findall(r"[^\x00-\x7f]{2,}", data.decode("cp932"))
     except UnicodeDecodeError:
         return False
+    above = "".join(words)
     common = ["\u3041" <= c <= "\u30fc" or 0x88 <= c.encode("cp932")[0] <= 0x97 for c in above]
     return 2 * sum(common) > len(above)
 
