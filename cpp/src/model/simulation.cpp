@@ -440,9 +440,9 @@ class Run {
  private:
   /// Input, state, memory and times to stop at of a run that begins.
   void set_start(const Input& input, const SimulationState& start) {
+    if (!start.y.empty()) start.check(*mechanism_, whole_size_);
     const SimulationState from =
         start.y.empty() ? SimulationState::of(find_equilibrium(mechanism_)) : start;
-    if (!start.y.empty()) start.check(*mechanism_, whole_size_);
     y_ = from.y;
     if (!from.largest_compression.empty()) {
       system_.dynamics().set_memories(from.largest_compression);

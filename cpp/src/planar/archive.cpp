@@ -7,6 +7,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <type_traits>
@@ -139,8 +140,7 @@ class Writer {
 
 class Reader {
  public:
-  explicit Reader(const std::string& text, const char* what = "description of a mechanism")
-      : text_(text), what_(what) {}
+  Reader(const std::string& text, const char* what) : text_(text), what_(what) {}
 
   std::string word() {
     const std::size_t end = text_.find(' ', at_);
@@ -267,6 +267,26 @@ class Reader {
 constexpr const char* kHead = "feltmb-description";
 constexpr const char* kLaw = "feltmb-law";
 
+template <class T>
+std::string written(const char* head, const T& value) {
+  Writer out;
+  out.word(head);
+  out.word(FELTMB_VERSION);
+  out.put(value);
+  return std::move(out).text();
+}
+
+template <class T>
+T read(const char* head, const std::string& text, const char* what) {
+  Reader in(text, what);
+  in.expect(head);
+  in.expect(FELTMB_VERSION);
+  T out;
+  in.get(out);
+  in.end();
+  return out;
+}
+
 // ---------------------------------------------------------------- numbers
 
 Site site_of(JointKind joint) {
@@ -275,12 +295,11 @@ Site site_of(JointKind joint) {
 
 class Numbers {
  public:
-  explicit Numbers(MechanismDescription& description) : description_(description) {}
-
-  std::vector<DescriptionNumber> all() {
-    number("gravity.x", description_.gravity.x, "m/s^2");
-    number("gravity.y", description_.gravity.y, "m/s^2");
-    each_field(description_, [&](const auto& field, auto& value) {
+  std::vector<DescriptionNumber> of(MechanismDescription& description) {
+    bodies_ = description.bodies;
+    number("gravity.x", description.gravity.x, "m/s^2");
+    number("gravity.y", description.gravity.y, "m/s^2");
+    each_field(description, [&](const auto& field, auto& value) {
       if constexpr (requires { add(field.name, value); }) add(field.name, value);
     });
     return std::move(out_);
@@ -317,7 +336,7 @@ class Numbers {
   }
 
   Site site_at(const std::string& coordinate) const {
-    for (const BodyDescription& body : description_.bodies) {
+    for (const BodyDescription& body : bodies_) {
       if (body.coordinate == coordinate) return site_of(body.joint);
     }
     return Site::kRevolute;
@@ -429,7 +448,7 @@ class Numbers {
   void add(const std::string&, std::vector<double>&) {}
   void add(const std::string&, std::shared_ptr<const Envelope>&) {}
 
-  MechanismDescription& description_;
+  std::span<const BodyDescription> bodies_;  ///< which have the coordinates
   std::vector<DescriptionNumber> out_;
   Site site_ = Site::kAny;
 };
@@ -437,48 +456,23 @@ class Numbers {
 }  // namespace
 
 std::string write_description(const MechanismDescription& description) {
-  Writer out;
-  out.word(kHead);
-  out.word(FELTMB_VERSION);
-  out.put(description);
-  return std::move(out).text();
+  return written(kHead, description);
 }
 
 MechanismDescription read_description(const std::string& text) {
-  Reader in(text);
-  in.expect(kHead);
-  in.expect(FELTMB_VERSION);
-  MechanismDescription out;
-  in.get(out);
-  in.end();
-  return out;
+  return read<MechanismDescription>(kHead, text, "description of a mechanism");
 }
 
 std::vector<DescriptionNumber> numbers_of(MechanismDescription& description) {
-  return Numbers(description).all();
+  return Numbers().of(description);
 }
 
-std::string write_law(const LawParameters& law) {
-  Writer out;
-  out.word(kLaw);
-  out.word(FELTMB_VERSION);
-  out.put(law);
-  return std::move(out).text();
-}
+std::string write_law(const LawParameters& law) { return written(kLaw, law); }
 
 LawParameters read_law(const std::string& text) {
-  Reader in(text, "text of a contact law");
-  in.expect(kLaw);
-  in.expect(FELTMB_VERSION);
-  LawParameters out;
-  in.get(out);
-  in.end();
-  return out;
+  return read<LawParameters>(kLaw, text, "text of a contact law");
 }
 
-std::vector<DescriptionNumber> numbers_of(LawParameters& law) {
-  MechanismDescription none;
-  return Numbers(none).of(law);
-}
+std::vector<DescriptionNumber> numbers_of(LawParameters& law) { return Numbers().of(law); }
 
 }  // namespace feltmb

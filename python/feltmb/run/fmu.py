@@ -131,7 +131,6 @@ def export_fmu(
     refuse_kind(action, drive, f"the input of the unit is a {drive}")
     if hold is None:
         hold = "linear" if drive == "motion" else "zero"
-    _binary(version)
     description = describe(action.config)
     stepper = _core.Stepper(
         action.mechanism,

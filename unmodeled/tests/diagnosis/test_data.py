@@ -209,8 +209,8 @@ def test_mat_and_netcdf_hold_the_same(tmp_path):
         (
             "t,q\n0,1\n1,2\n2,3\n",
             "[outputs.z]\n",
-            "no column 'z' (--column z=COLUMN, in Python columns of ReadOptions, says which it "
-            "is); there are t, q",
+            "no column 'z' (--column z=COLUMN says which it is, in Python columns of "
+            "ReadOptions); there are t, q",
         ),
         ("t,q\n0,1\n1,x\n2,3\n", "[outputs.q]\n", "line 3: q = 'x', expected a number"),
         (

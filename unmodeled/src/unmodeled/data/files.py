@@ -25,6 +25,7 @@ from unmodeled.data.mapping import (
     run_column,
     sheet_for,
     unit_of_column,
+    which_column,
 )
 from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
@@ -413,11 +414,7 @@ def _series(
     key = columns.find(spec.column or name)
     shown = shortened(spec.column or name)
     if not key:
-        which = (
-            ""
-            if spec.column
-            else f" (--column {shown}=COLUMN, in Python columns of ReadOptions, says which it is)"
-        )
+        which = "" if spec.column else f" ({which_column(shown)})"
         faults.append(f"no column {shown!r}{which}; there are {columns}")
         return empty
     unit = unit_of_column(columns, key, spec.unit)

@@ -43,8 +43,9 @@ class Signals:
         return name in self.inputs or any(name in names for names in self.modes.values())
 
 
-#: Hint if a column was not recognized.
-WHICH = "--column NAME=COLUMN says which it is, in Python columns of ReadOptions"
+def which_column(name: str = "NAME", column: str = "COLUMN") -> str:
+    """Hint about a signal whose column is not known, or about a column without a signal."""
+    return f"--column {name}={column} says which it is, in Python columns of ReadOptions"
 
 
 def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -> str:
@@ -167,10 +168,11 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     faults = _unknown_channels(signals, options, ())
     if signals.modes and not fitting:
         wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
-        faults.append(f"no column {wanted} for the input; there are {columns} ({WHICH})")
+        faults.append(f"no column {wanted} for the input; there are {columns} ({which_column()})")
     if not seen:
         faults.append(
-            f"none of the outputs {', '.join(signals.outputs)}; there are {columns} ({WHICH})"
+            f"none of the outputs {', '.join(signals.outputs)}; there are {columns} "
+            f"({which_column()})"
         )
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))

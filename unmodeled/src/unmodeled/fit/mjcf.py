@@ -12,6 +12,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
+from unmodeled.data.mapping import which_column
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Means, Run
@@ -51,8 +52,7 @@ class MujocoModel(Simulator):
                 raise InvalidParameter(
                     f"model {self.name}: the input {wrong[0]} of record {r.name} is no actuator"
                     f"{near_names(wrong[0], known)}; there are {', '.join(known) or 'none'} "
-                    f"(--column ACTUATOR={wrong[0]}, in Python columns of ReadOptions, says which "
-                    "it is; inputs= of the model chooses)"
+                    f"({which_column('ACTUATOR', wrong[0])}; inputs= of the model chooses)"
                 )
         return super().matched(records)
 

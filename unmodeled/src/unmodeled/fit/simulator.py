@@ -16,6 +16,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
+from unmodeled.data.mapping import which_column
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.fit.calling import Means, Run, Runner, calling
 from unmodeled.fit.coordinates import Named
@@ -64,8 +65,7 @@ class _Asked(dict[str, Array]):
         if name not in self:
             raise InvalidParameter(
                 f"there is no column {name} in record {self._record}{near_names(name, self)}; "
-                f"there are {', '.join(self)} (--column {name}=COLUMN, in Python columns of "
-                "ReadOptions, says which it is)"
+                f"there are {', '.join(self)} ({which_column(name)})"
             )
         self.read[name] = None
         return super().__getitem__(name)

@@ -34,7 +34,7 @@ from unmodeled.report.words import (
     tabulated,
     times_noise,
     turn_back,
-    turned,
+    turns_of,
 )
 from unmodeled.search.compare import simulated
 from unmodeled.search.records import same_number
@@ -364,9 +364,7 @@ def _next(result: Result) -> list[str]:
 def _repair(c: Change) -> str:
     """What to do about a parameter: on the machine the reverse, or in its table."""
     if c.user_unit is not None and c.user_unit.unit == "turn":
-        unit = c.user_unit
-        thing = c.title[:1].lower() + c.title[1:]
-        back = turn_back(thing, turned(c.size, c.low, c.high, unit.per_unit, unit.words))
+        back = turn_back(c.title[:1].lower() + c.title[1:], turns_of(c))
         return f"On the machine, {back}, or correct the model."
     return f"{c.title}: check it, and correct the machine or its tabulated value."
 

@@ -120,7 +120,7 @@ def _clause(c: Change) -> str:
         return f"{_with_article(c.component)} {has} {what} of {size}"
     thing = thing or f"the parameter {c.title}"
     if c.user_unit is not None and c.user_unit.unit == "turn":
-        turns, way, _ = turned(c.size, c.low, c.high, c.user_unit.per_unit, c.user_unit.words)
+        turns, way, _ = turns_of(c)
         there = FURTHER.get(way, way if way.partition(" ")[0].endswith("er") else f"further {way}")
         return f"{thing} {be} {turns} {there} than in the model ({of}{name}, {low} to {high})"
     if c.tabulated == 0.0 or c.relative:
@@ -153,9 +153,15 @@ def turned(
     return TURNS[near] if sure else f"{number(turns, spread)} turns", words[away], words[not away]
 
 
+def turns_of(c: Change) -> tuple[str, str, str]:
+    """See :func:`turned`; the change is one in turns."""
+    assert c.user_unit is not None
+    return turned(c.size, c.low, c.high, c.user_unit.per_unit, c.user_unit.words)
+
+
 def turn_back(thing: str, turns: tuple[str, str, str]) -> str:
     """What to do about a screw on the machine."""
-    return f"turn {thing} {f'{turns[0]} {turns[2]}'.rstrip() or 'back'}"
+    return f"turn {thing} {turns[0]} {turns[2]}".rstrip()
 
 
 def _also(c: Change) -> str:

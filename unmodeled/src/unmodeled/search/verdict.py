@@ -112,14 +112,11 @@ def judge(
     matters = any(c.material for c in _channels(problem, shown, alone, alone, {}, options))
     if ours_only is not None and matters and {*told} <= {*ours_only.causes}:
         # A set that is less probable than nothing is not supported, whatever it predicts.
-        nothing = next(w for s, w in zip(sets, weight, strict=True) if not s.causes)
-        everywhere = [
-            s
-            for s, w in zip(sets, weight, strict=True)
-            if s.causes == ours_only.causes and w > nothing
-        ]
-        supported = [i for i in ours_only.causes if everywhere and i not in known]
-        best = everywhere[0] if supported else best
+        likely = {s.causes: w for s, w in zip(sets, weight, strict=True)}
+        if likely.get(ours_only.causes, 0.0) > likely[()]:
+            supported = [i for i in ours_only.causes if i not in known]
+        if supported:
+            best = next(s for s in sets if s.causes == ours_only.causes)
     interrupted = _interrupted(searched.ended_by)
     missing = [s for s in (alone, best) if s.causes not in predicted]
     if (
