@@ -4,6 +4,7 @@ import importlib.util
 import math
 import sys
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -363,6 +364,14 @@ def test_a_fit_finds_a_frequency_that_is_half_a_period_off_at_the_end():
 def test_the_noise_of_a_function_is_told_where_it_matters():
     """One of the last digits has no effect on a result."""
     assert not any("numerical noise" in n for n in model().ready([record()]).notes)
+
+    def steady(time, inputs, parameters):  # the mean of equal numbers is rounded
+        p = parameters
+        return {"y": np.full(len(time), 0.1 + p["tau"] / 3.0), "z": np.full(len(time), p["gain"])}
+
+    constant = replace(record(), outputs={n: np.ones(TIME.size) for n in "yz"}, sensors={})
+    ready = model(steady, outputs={"y": "m", "z": "m"}).ready([constant])
+    assert "numerical noise is 1e-15 of" in ready.notes[0]
 
     def rounded(time, inputs, parameters):
         return {"y": np.round(decay(time, inputs, parameters)["y"], 4)}

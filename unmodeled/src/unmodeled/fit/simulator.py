@@ -349,8 +349,7 @@ class Simulator(Model):
         runs += [moved({v.name: o}) for v in rows for o in v.trials]
         seen = self._runner.values(runs)
         base = seen[0]
-        unit = np.std(base, axis=0)
-        unit[unit == 0.0] = 1.0
+        unit = spread_of(base)
         jitter = float(np.sqrt(np.mean(((repeated - base) / unit) ** 2))) / math.sqrt(2.0)
         along = np.array([s / unit for s in seen[: SPACINGS + 1]])
         noise = max(noise_of_function(along), jitter)
@@ -494,6 +493,14 @@ class Step:
             side = h if at + h <= high else -h
             return ((side, 1.0 / side),)
         return difference_offsets(at, h, low, high)
+
+
+def spread_of(outputs: Array) -> Array:
+    """Standard deviation of each output over time; of a constant one, its size (1 if it is 0)."""
+    spread, size = np.std(outputs, axis=0), np.abs(outputs).max(axis=0, initial=0.0)
+    size[size == 0.0] = 1.0
+    # The mean of equal numbers differs from them by rounding.
+    return np.where(spread > len(outputs) * ROUNDING * size, spread, size)
 
 
 def noise_of_function(values: Array) -> float:

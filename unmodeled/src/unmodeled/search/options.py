@@ -38,8 +38,8 @@ class Options:
             faults.append(f"missing = {self.missing!r}, expected in (0, 1)")
         if not self.seconds > 0.0:
             faults.append(f"seconds = {self.seconds!r}, expected > 0")
-        if not 1 <= self.most <= 6:
-            faults.append(f"most = {self.most!r}, expected from 1 to 6")
+        if not 1 <= self.most <= 12:
+            faults.append(f"most = {self.most!r}, expected from 1 to 12")
         if not 1 <= self.tries <= 20:
             faults.append(f"tries = {self.tries!r}, expected from 1 to 20")
         for name, value in self.good_enough.items():
