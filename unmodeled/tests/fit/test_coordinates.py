@@ -1,8 +1,11 @@
 """Coordinates of a model, on which effects act."""
 
+import itertools
+
 import numpy as np
 import pytest
 
+from unmodeled import Options, candidates
 from unmodeled.data import Record, Sensor
 from unmodeled.fit import Coordinate, Equations, Named, State
 
@@ -52,3 +55,48 @@ def test_a_force_without_inertia_is_an_acceleration():
     for inertia, expected in ((None, 6.0), (1.0, 6.0), (3.0, 2.0)):
         rates = place(inertia=inertia).push(6.0, 0.0, NOTHING, NOTHING, NOTHING)
         assert rates == {"v": expected}
+
+
+def wheel(torque, b, w):
+    """Rate of a wheel of 0.02 kg m^2 with dry friction of 0.03 N m."""
+    return (torque - b * w - 0.03 * np.tanh(w / 0.05)) / 0.02
+
+
+def test_a_speed_without_a_position_has_friction():
+    """The speed of a motor is its only state: laws of the speed act on it, and no others."""
+    model = Equations(
+        lambda t, x, u, p: ((u.torque - p.b * x.w) / p.J,),
+        states={"w": "rad/s"},
+        parameters={"J": (0.02, 1e-3, "kg m^2"), "b": (0.01, 2e-3, "N m s/rad")},
+        inputs={"torque": "N m"},
+    )
+    (place,) = model.coordinates
+    assert (place.position, place.speed, place.inertia, place.unit) == ("", "w", "J", "N m")
+    time, w = np.arange(0.0, 6.0, 0.01), [0.0]
+    torque = 0.2 * np.sin(2.0 * time) + 0.1 * np.sin(5.0 * time)
+    for one, other in itertools.pairwise(torque):  # fine steps of its own
+        v = w[-1]
+        for s in np.linspace(0.0, 1.0, 40, endpoint=False) + 0.0125:
+            v += wheel(one + s * (other - one), 0.01, v) * 0.01 / 40
+        w.append(v)
+    noise = 0.01 * np.random.default_rng(1).standard_normal(time.size)
+    record = Record(
+        name="run", time=time, inputs={"torque": torque}, outputs={"w": w + noise},
+        sensors={"w": Sensor(name="w", unit="rad/s", sigma=0.01)},
+    )  # fmt: skip
+    inside = [e for e in candidates(model, record) if e.component == "w"]
+    laws = ["dry", "one-sided", "Stribeck", "viscous", "quadratic"]
+    expected = [*(f"{law} friction w" for law in laws), "constant force w", "friction by torque w"]
+    assert [e.name for e in inside] == expected
+    (named,) = model.diagnose([record], options=Options(most=2, tries=4)).named
+    assert (named.cause, named.unit) == ("dry friction w", "N m")
+    assert named.low < 0.03 < named.high
+
+
+def test_states_that_are_no_speeds_are_no_coordinates():
+    units = {"T": "degC", "h": "m", "q": "m^3/s", "n": "1/s"}
+    model = Equations(lambda t, x, u, p: (-x.T, -x.h, -x.q, -x.n), states=units)
+    assert model.coordinates == ()
+    speeds = Equations(lambda t, x, u, p: (-x.a, -x.b), states={"a": "mm/s", "b": "deg/s"})
+    assert [c.travel_unit for c in speeds.coordinates] == ["mm", "deg"]
+    assert [c.unit for c in speeds.coordinates] == ["mm/s^2", "deg/s^2"]

@@ -69,14 +69,15 @@ class Rate:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Coordinate:
-    """A coordinate of a second-order system, on which generic effects act.
+    """A coordinate of a mechanical system, on which generic effects act.
 
     A force F [unit] on it changes its acceleration by F / inertia.
     """
 
     name: str
-    position: str
-    """State that is the position."""
+    position: str = ""
+    """State that is the position; empty: the model has only the speed, as for a motor, and only
+    laws of the speed act."""
     speed: str
     """State that is the speed."""
     inertia: str | float | Callable[[Any, Named, Named, Named], Array] | None = None
@@ -86,12 +87,12 @@ class Coordinate:
     scale: float = 1.0
     """Typical force on the coordinate [unit]."""
     position_unit: str = ""
-    """Unit of the position; default: rad if the force is a torque or an angular acceleration, else
+    """Unit of the travel; default: rad if the force is a torque or an angular acceleration, else
     m."""
 
     @property
     def travel_unit(self) -> str:
-        """Unit of the position."""
+        """Unit of the travel."""
         return self.position_unit or ("rad" if _turns(self.unit) else "m")
 
     @property
@@ -101,8 +102,8 @@ class Coordinate:
 
     @unchecked
     def motion(self, x: Named) -> tuple[Any, Any]:
-        """Position and speed."""
-        return x[self.position], x[self.speed]
+        """Position and speed; the position is None if the model has none."""
+        return x[self.position] if self.position else None, x[self.speed]
 
     @unchecked
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:

@@ -70,9 +70,10 @@ class Equations(Model):
         ``{"valve": "%"}``, files in other units are converted to these. Default: those that the
         rates read in a trial.
     coordinates
-        Coordinates of a second-order system, and couplings between them; each is also a port for
-        unknown forces. Default: every state whose rate is another state, with the parameter in kg
-        or kg m^2 that divides all forces as its inertia.
+        Coordinates of a mechanical system, and couplings between them; each is also a port for
+        unknown forces. Default: every state whose rate is another state, and every other state in
+        m/s, rad/s, mm/s or deg/s, which is a speed without a position; the inertia is the parameter
+        in kg or kg m^2 that divides all forces.
     ports
         Name -> state whose rate an unknown quantity may change, for systems of first order.
         Default: every state that belongs to no coordinate, if the coordinates have their default.
@@ -196,6 +197,7 @@ class Equations(Model):
             for c in self.coordinates
             for part in c.parts
             for n in (part.position, part.speed)
+            if n
         ]
         wanted += [(f"port {port}", state) for port, state in self._port_states.items()]
         for what, state in wanted:
@@ -243,7 +245,8 @@ class Equations(Model):
         notes += [*self._converted, *sizes]
         if self._inferred and self.coordinates:
             listed = [
-                f"{c.name} (speed {c.speed}, inertia {c.inertia or 'none'})"
+                f"{c.name} ({f'speed {c.speed}' if c.position else 'no position'}, "
+                f"inertia {c.inertia or 'none'})"
                 for c in self.coordinates
                 if isinstance(c, Coordinate)
             ]
@@ -663,17 +666,26 @@ def trial(
             f"the rates return {len(base)} values, expected one for each state: "
             f"{', '.join(s.name for s in states)}"
         )
+
+    def coordinate(position: State | None, i: int) -> Coordinate:
+        inertias = [
+            name
+            for name, other in heavy.items()
+            if np.allclose(2.0 * other[i], base[i], rtol=EQUAL, atol=0.0) and base[i].any()
+        ]
+        return _coordinate(position, states[i], inertias)
+
     found = []
     for q, rate in zip(states, base, strict=False):
         speeds = [i for i, v in enumerate(states) if v is not q and np.array_equal(rate, x[v.name])]
         if len(speeds) == 1:
-            i = speeds[0]
-            inertias = [
-                name
-                for name, other in heavy.items()
-                if np.allclose(2.0 * other[i], base[i], rtol=EQUAL, atol=0.0) and base[i].any()
-            ]
-            found.append(_coordinate(q, states[i], inertias))
+            found.append(coordinate(q, speeds[0]))
+    used = {n for c in found for n in (c.position, c.speed)}
+    found += [
+        coordinate(None, i)
+        for i, v in enumerate(states)
+        if v.name not in used and _travel_unit(v.unit)
+    ]
     return Trial(tuple(values_of(u)), tuple(found))
 
 
@@ -681,15 +693,21 @@ def _massive(parameter: Parameter) -> bool:
     return any(same_unit(parameter.unit, unit) for unit in ("kg", "kg m^2"))
 
 
-def _coordinate(position: State, speed: State, inertias: Sequence[str]) -> Coordinate:
-    """Coordinate of two states; with one inertia, forces on it are forces."""
-    unit = "1" if position.unit == "1" else position.unit
+def _travel_unit(speed: str) -> str:
+    """Unit of the travel of a speed in m/s, mm/s, rad/s or deg/s; "" if it is no such speed."""
+    unit, _, per = speed.rpartition("/")
+    return unit if per == "s" and any(_same_kind(unit, of) for of in ("m", "rad")) else ""
+
+
+def _coordinate(position: State | None, speed: State, inertias: Sequence[str]) -> Coordinate:
+    """Coordinate of two states, or of a speed; with one inertia, forces on it are forces."""
+    unit = position.unit if position else _travel_unit(speed.unit)
     turns = same_unit(unit, "rad")
     inertia = inertias[0] if len(inertias) == 1 else None
     force = ("N m" if turns else "N") if inertia else f"{unit}/s^2"
     return Coordinate(
-        name=position.name,
-        position=position.name,
+        name=(position or speed).name,
+        position=position.name if position else "",
         speed=speed.name,
         inertia=inertia,
         unit=force,

@@ -92,11 +92,12 @@ def for_coordinate(
     force
         Typical force on it [N or N m].
     travel
-        Typical displacement [m or rad].
+        Typical displacement [m or rad]; without meaning if the coordinate has no position.
     speed
         Typical speed [m/s or rad/s].
     time
         Typical duration of an event [s].
     """
     scales = Scales(force, travel, speed, time)
-    return tuple(make(c, scales) for make in makers())
+    whole = all(part.position for part in c.parts)
+    return tuple(make(c, scales) for make in makers("FOR_COORDINATE" if whole else "FOR_SPEED"))

@@ -167,7 +167,8 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
     for c in model.coordinates:
         used |= {n for part in c.parts for n in (part.position, part.speed)}
         position, speed = zip(*(c.motion(x) for x in named), strict=True)
-        travel = _typical(np.concatenate([q - np.median(q) for q in position]))
+        ways = [q - np.median(q) for q in position if q is not None]
+        travel = _typical(np.concatenate(ways)) if ways else 1.0
         forces = [
             rate * _inertia(model, c.parts[0], r, x)
             for rate, (r, _), x in zip(rates(speed), paths, named, strict=True)

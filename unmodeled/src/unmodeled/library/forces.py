@@ -430,17 +430,23 @@ def offset_force(c: Part, *, scale: float) -> Effect:
         scale=scale,
         mechanism="A constant force acts that the model lacks.",
         remedy="Add the force; look for gravity, preload or an offset of the drive.",
-        rate=force_law(c, lambda q, v, s: -np.ones_like(q)),
+        rate=force_law(c, lambda q, v, s: -np.ones_like(v)),
     )
 
 
-#: Force effects of a coordinate, made from its typical force, travel, speed and time.
-FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
+Maker = Callable[[Part, Scales], Effect]
+#: Force effects of a speed whose position the model does not have, such as that of a motor.
+FOR_SPEED: tuple[Maker, ...] = (
     lambda c, s: dry_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: dry_friction_asymmetry(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: static_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: viscous_friction(c, scale=0.1 * s.force / s.speed),
     lambda c, s: quadratic_friction(c, scale=0.1 * s.force / s.speed**2),
+    lambda c, s: offset_force(c, scale=0.1 * s.force),
+)
+#: Force effects of a coordinate, made from its typical force, travel, speed and time.
+FOR_COORDINATE: tuple[Maker, ...] = (
+    *FOR_SPEED,
     lambda c, s: polynomial_stiffness(c, 1, scale=0.1 * s.force / s.travel),
     lambda c, s: polynomial_stiffness(c, 2, scale=0.1 * s.force / s.travel**2),
     lambda c, s: polynomial_stiffness(c, 3, scale=0.1 * s.force / s.travel**3),
@@ -450,7 +456,6 @@ FOR_COORDINATE: tuple[Callable[[Part, Scales], Effect], ...] = (
     lambda c, s: creep(
         c, scale=0.1 * s.force / s.travel, travel=s.travel, times=(0.3 * s.time, 3.0 * s.time)
     ),
-    lambda c, s: offset_force(c, scale=0.1 * s.force),
 )
 
 
@@ -487,9 +492,9 @@ def _raised(name: str, exponent: float) -> str:
 
 
 @functools.cache
-def makers() -> tuple[Callable[[Part, Scales], Effect], ...]:
-    """Functions that make the effects of a coordinate: every ``FOR_COORDINATE`` of this folder."""
-    found: list[Callable[[Part, Scales], Effect]] = []
+def makers(table: str = "FOR_COORDINATE") -> tuple[Maker, ...]:
+    """Functions that make the effects of a coordinate: every such table of this folder."""
+    found: list[Maker] = []
     for module in sorted(info.name for info in pkgutil.iter_modules([str(Path(__file__).parent)])):
-        found += getattr(importlib.import_module(f"{__package__}.{module}"), "FOR_COORDINATE", ())
+        found += getattr(importlib.import_module(f"{__package__}.{module}"), table, ())
     return tuple(found)
