@@ -29,6 +29,7 @@ from unmodeled.data import (
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.loading import LoadedModel
 from unmodeled.search.records import check_records, noise_of_channel, ready_records
+from unmodeled.units import convert
 
 from . import models
 
@@ -457,6 +458,19 @@ def test_units_of_records_are_compared_with_those_of_the_model(tmp_path):
     right = read_record(path)  # another unit of the same quantity is converted
     assert right.input_units == {"f": "m"}
     assert right.sensors["q"].unit == "m"
+
+
+@pytest.mark.parametrize("unit", ["(g)", "[G]"])
+def test_an_accelerometer_in_g_is_one_of_gravity(unit, tmp_path):
+    """The model says that the signal is an acceleration; elsewhere g is a gram."""
+    rows = "".join(f"{0.01 * k},{k}\n" for k in range(20))
+    path = tmp_path / "a.csv"
+    path.write_text(f"time [s],a {unit}\n{rows}")
+    record = read_record(path, inputs=[], outputs=["a"], units={"a": "m/s^2"})
+    assert record.outputs["a"][1] == pytest.approx(9.80665)
+    assert record.sensors["a"].unit == "m/s^2"
+    assert any("an accelerometer in g; 1 g is 9.80665 m/s^2" in n for n in record.notes)
+    assert convert(2.0, "gn", "mm/s^2") == pytest.approx(19613.3)
 
 
 @pytest.mark.parametrize(("unit", "newton"), [("(g)", 9.80665e-3), ("[kg]", 9.80665)])

@@ -91,7 +91,7 @@ def run(
         "unmodeled.search.options:Options",
         credibility=CREDIBILITY,
         missing={"words": "--prior", "type": Number(0, 1, min_open=True, max_open=True)},
-        most={"words": "--max-effects", "type": count(1, 6)},
+        most={"words": "--max-effects", "type": count(1, 12)},
         seconds=SECONDS,
     ),
     good_enough: tuple[str, ...] = option(

@@ -36,6 +36,7 @@ from unmodeled.files import is_file, read_toml, why_missing
 from unmodeled.units import (
     PIXEL,
     conversion_factor,
+    shows_gravity,
     spelled_unit,
     split_quantity,
     to_si,
@@ -363,7 +364,11 @@ def _stated_unit(name: str, spec: ColumnSpec, columns: Columns) -> str:
 
 def _notes_of_units(headed: Mapping[str, str], units: Mapping[str, str]) -> Iterator[str]:
     """Notes of conversions that are not between units of one quantity."""
-    if names := [n for n, unit in units.items() if weight_hint(headed[n] or "1", unit)]:
+    weights = [n for n, unit in units.items() if weight_hint(headed[n] or "1", unit)]
+    gravity = [n for n in weights if shows_gravity(headed[n], units[n])]
+    if gravity:
+        yield f"{', '.join(gravity)}: an accelerometer in g; 1 g is 9.80665 m/s^2"
+    if names := [n for n in weights if n not in gravity]:
         yield f"{', '.join(names)}: a scale in g or kg shows a force; 1 g is 9.80665 mN"
     if names := [n for n, unit in units.items() if (headed[n], unit) == ("%", "1")]:
         yield (
@@ -650,6 +655,8 @@ def _conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | No
     if not unit:
         return 0.0, 1.0, si or "1"
     wanted = si or model
+    if shows_gravity(unit, wanted):
+        return 0.0, conversion_factor("gn", wanted), wanted
     if wanted and weight_hint(unit, wanted):  # a scale in g shows a force
         return 0.0, to_si(unit)[0] * conversion_factor("kgf", wanted), wanted
     try:

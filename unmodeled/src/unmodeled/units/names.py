@@ -39,6 +39,7 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     "s": {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "day": 86400.0},
     "rad": {"mrad": 1e-3, "deg": math.pi / 180.0, "rev": 2.0 * math.pi},
     "rad/s": {"rpm": math.pi / 30.0},
+    "m/s^2": {"gn": 9.80665},
     "1/s": {"Hz": 1.0, "kHz": 1e3},
     "kg/m": {"tex": 1e-6, "dtex": 1e-7, "den": 1e-3 / 9e3},
     "kg m/s^2": {
@@ -188,7 +189,7 @@ def conversion_factor(unit: str, si_unit: str) -> float:
 
 @checked
 def weight_hint(unit: str, wanted: str) -> str:
-    """The end of a message about a unit of mass in place of one of force; empty: it is another.
+    """The end of a message about a mass in place of a force, or g as an acceleration; else "".
 
     Parameters
     ----------
@@ -197,6 +198,8 @@ def weight_hint(unit: str, wanted: str) -> str:
     wanted
         Expected unit.
     """
+    if shows_gravity(unit, wanted):
+        return "; hint: an acceleration of one g is the unit gn"
     try:
         dims = _parse(unit)[1], _parse(wanted)[1]
     except ValueError:
@@ -204,6 +207,14 @@ def weight_hint(unit: str, wanted: str) -> str:
     if dims != (_parse("kg")[1], _parse("N")[1]):
         return ""
     return "; hint: a force in grams has the unit gf (kilograms: kgf, pounds: lbf)"
+
+
+def shows_gravity(unit: str, wanted: str) -> bool:
+    """Whether a unit is the g of an accelerometer, because an acceleration is expected."""
+    try:
+        return unit.strip() in ("g", "G") and _parse(wanted)[1] == _parse("gn")[1]
+    except ValueError:
+        return False
 
 
 def _has_zero(unit: str) -> bool:
