@@ -228,7 +228,8 @@ def _item(c: Change) -> str:
         sure = f"{100.0 * c.probability:.0f}"
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
-        where = "in held-out records, " * c.held_out
+        where = "with the listed parameters alone, " * (c.kind == "parameter")
+        where += "in held-out records, " * c.held_out
         left = f"{where}{percent(c.after)} of the motion of {c.channel} is left"
         lost = math.isinf(c.before)
         less = "the simulation fails without it" if lost else f"{percent(c.before)} without it"

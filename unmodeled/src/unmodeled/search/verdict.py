@@ -162,6 +162,7 @@ def judge(
         fitted,
         _covariance(own, fitted),
         searched.sets if own is shown else {s.causes: s for s in sets},
+        predicted,
         [[i] for i in (*told, *supported)] + classes,
         _parameters,
         check,
@@ -739,7 +740,7 @@ def _traces(
 
 def _rms(problem: Problem, fitted: Fitted) -> Array:
     """Rms of the residual by channel [its unit], (m,)."""
-    return rms_of(problem.fit, (x.residual for x in fitted.linears))
+    return rms_of(problem.fit, fitted.residuals)
 
 
 def _white(problem: Problem, fitted: Fitted) -> Array:
