@@ -170,3 +170,14 @@ def test_without_a_parameter_no_other_one_stands_for_it():
     assert "; with the listed parameters alone, in held-out records, " in " ".join(
         report.text().split()
     )
+
+
+def test_what_acts_in_the_held_out_records_only_is_told():
+    model, records = machine()
+    (late,), _ = constant(records[3:])
+    report = diagnose(model, [], [*records[:3], late], hold_out=["r3"])
+    (c,) = report.channels
+    assert c.fitted_explained == pytest.approx(0.01, rel=0.1)
+    told = f"{100.0 * c.share(c.held_out_explained):.2g} % of y remains in the held-out records, "
+    told += f"and {100.0 * c.share(c.fitted_explained):.2g} % in the fitted ones: something acts in"
+    assert told in report.text(300)

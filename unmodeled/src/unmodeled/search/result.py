@@ -97,6 +97,9 @@ class Channel:
     held_out_explained: float = float("nan")
     good_enough: float = 0.0
     """Residual that does not matter."""
+    fitted_explained: float = float("nan")
+    """Residual with the named causes in the records that were fitted before the held-out ones were
+    predicted."""
 
     @checked
     def share(self, residual: AnyNumber) -> float:

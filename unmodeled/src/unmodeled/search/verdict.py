@@ -124,6 +124,11 @@ def judge(
     ):  # a few runs after the limit
         predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
     channels = _channels(problem, shown, alone, best, predicted, options)
+    if shown.held_out and (part := searched.sets.get(best.causes)) is not None:
+        fitted = _rms(shown, part)
+        channels = tuple(
+            replace(c, fitted_explained=float(v)) for c, v in zip(channels, fitted, strict=True)
+        )
     ours, base = predicted.get(best.causes), predicted.get(())
     gain = None
     if best is not alone and ours is not None and base is not None:
