@@ -297,6 +297,7 @@ class SetOfCauses:
     residual: tuple[float, ...]
     """Rms of the residual by channel [its unit]."""
     magnitudes: tuple[float, ...] = ()
+    """By cause [its unit]; the value of a parameter, NaN for an error of each record."""
 
 
 @dataclass(frozen=True)
