@@ -144,6 +144,28 @@ def test_without_a_single_cause_the_calibrated_model_remains():
     assert change.before * c.motion < 0.25  # all of it would be 0.3
 
 
+def test_without_one_of_two_causes_least_squares_of_the_rest_remain():
+    model, records = machine()
+    waves = [
+        Effect(name=name, component="c", regressor=lambda r, _, w=w: np.cos(w * r.time))
+        for name, w in (("slow", 9.0), ("fast", 40.0))
+    ]
+    records = [
+        replace(r, outputs={"y": r.outputs["y"] + sum(0.2 * e.regressor(r, None) for e in waves)})
+        for r in records
+    ]
+    found = {c.name: c for c in diagnose(model, waves, records, hold_out=()).changes}
+    assert set(found) == {"slow", "fast"}
+    y = np.concatenate([r.outputs["y"] for r in records])
+    motion = np.sqrt(np.mean([np.var(r.outputs["y"]) for r in records]))
+    u = np.concatenate([r.inputs["u"] for r in records])
+    for lost, kept in (("slow", waves[1]), ("fast", waves[0])):
+        wave = np.concatenate([kept.regressor(r, None) for r in records])
+        columns = np.column_stack([u, u**2, u**3, wave])
+        left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+        assert found[lost].before * motion == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-3)
+
+
 def test_an_effect_is_listed_also_if_parameters_can_imitate_it():
     """Without it, fitted parameters leave little; it is listed by what the model misses of it."""
     model, records = machine()

@@ -124,9 +124,9 @@ def judge(
         predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
     channels = _channels(problem, shown, alone, best, predicted, options)
     if shown.held_out and (part := searched.sets.get(best.causes)) is not None:
-        fitted = _rms(shown, part)
         channels = tuple(
-            replace(c, fitted_explained=float(v)) for c, v in zip(channels, fitted, strict=True)
+            replace(c, fitted_explained=float(v))
+            for c, v in zip(channels, _rms(shown, part), strict=True)
         )
     ours, base = predicted.get(best.causes), predicted.get(())
     gain = None
