@@ -251,6 +251,8 @@ def test_a_cause_that_is_fitted_but_not_named_is_told(report):
     refused = replace(report, sets=sets, reported=sets[0].causes, reasons=reasons)
     assert "wear" in refused.text().split("\nHeld-out")[0]
     assert "wear, a part of the fit that is not named: with all 3" in refused.summary()
+    more = replace(refused, reported=(*refused.reported, "tear"))
+    assert "wear and tear, a part of the fit that is not named: with all 4" in more.summary()
     assert "not named" not in report.summary()
 
 

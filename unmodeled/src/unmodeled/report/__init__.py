@@ -125,7 +125,7 @@ def _statement(result: Result) -> str:
         told += [f"{rest} more change{'s are' if rest > 1 else ' is'} in the list"] if rest else []
         unnamed = _unnamed(result)
         told += [f"{joined(unnamed)}, a part of the fit that is not named"] if unnamed else []
-        count = len(result.changes) + bool(unnamed)
+        count = len(result.changes) + len(unnamed)
         those = {1: "this", 2: "both"}.get(count, f"all {count}")
         found = f"falls from {before} to {after}" if math.isfinite(c.tabulated) else f"is {after}"
         first = (
