@@ -103,6 +103,11 @@ class CustomerPage:
         """Words for the action with the causes, and without them."""
         return ("before", "after") if self.done else ("now", "after the work")
 
+    @property
+    def _as_well(self) -> str:
+        """What is said of what the work does not change."""
+        return "as before" if self.done else "and will after the work"
+
     def _hand(self, before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
         """What the hand feels, in grams."""
 
@@ -123,26 +128,35 @@ class CustomerPage:
             abs(getattr(before, w) - getattr(after, w)) for w in ("down_weight", "up_weight")
         )
         if max(changes) < FELT * GRAM:
-            return f"{now}, {'as before' if self.done else 'and will after the work'}."
+            return f"{now}, {self._as_well}."
         if self.done:
             return "{}; before, it was {} and {}.".format(now, *weights(before))
         return "{}; after the work, it will be {} and {}.".format(now, *weights(after))
 
     def _left(self, before: float, after: float, same: bool) -> str:
-        """Travel of the key after the let-off [mm]."""
-        first, other = (after, before) if self.done or same else (before, after)
+        """Travel of the key after the let-off [mm]; 0: there is no let-off; NaN: not measured."""
+        now_then = (after, before) if self.done or same else (before, after)
+        first, other = (round(max(mm, 0.0), 1) for mm in now_then)
+        when, has, did = (
+            ("before", "had", "did") if self.done else ("after the work", "will have", "will")
+        )
+        then = f"the hammer {did} not let off"
+        if other > 0.0:
+            then = f"the key {has} {other:.1f} mm of travel left after the let-off"
+        if math.isnan(first):
+            if same or math.isnan(other):
+                return "The travel of the key after the let-off could not be measured."
+            return f"{when[:1].upper()}{when[1:]}, {then}."
         now = "The hammer does not let off before the key is at its end"
         if first > 0.0:
             now = f"After the let-off, the key has {first:.1f} mm of travel left"
-        if same:
+        if same or math.isnan(other):
             return f"{now}."
-        words = ("before", "had", "did") if self.done else ("after the work", "will have", "will")
-        when, has, did = words
-        if other > 0.0 and first > 0.0:
-            return f"{now}; {when}, it {has} {other:.1f} mm."
-        if other > 0.0:
-            return f"{now}; {when}, the key {has} {other:.1f} mm of travel left after the let-off."
-        return f"{now}; {when}, the hammer {did} not let off."
+        if first > 0.0 and other > 0.0:
+            then = f"it {has} {other:.1f} mm"
+        if first == other:
+            return f"{now}, {self._as_well}."
+        return f"{now}; {when}, {then}."
 
     @property
     def head(self) -> str:
@@ -464,6 +478,11 @@ def customer_page(
     remedies = tuple(dict.fromkeys(c.work for c in causes))
     if not causes:
         remedies = (_UNCLEAR if data["verdict"] == "UNKNOWN" else _NOTHING,)
+    if not all(text.strip() for text in done):
+        raise InvalidParameter(
+            "done: got an empty sentence, expected the work that was done, such as 'Bushing "
+            "eased.'; without done, the page tells what should be done"
+        )
     return CustomerPage(
         title=title,
         workshop=workshop,
@@ -516,7 +535,10 @@ def _found(groups: Sequence[Sequence[_Cause]], verdict: str) -> str:
 
 
 def _aftertouch(action: Action, static: StaticTouch) -> float:
+    """Travel of the key after the let-off [mm]; 0: there is no let-off; NaN: not measured."""
     from feltmb.run.quasistatic import simulated_press
 
+    if not static.has_let_off:
+        return 0.0
     press = simulated_press(action, travel=static.end + 1.2e-3)
     return 1e3 * distances(action, static, press).aftertouch

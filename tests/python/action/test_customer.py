@@ -99,6 +99,65 @@ def test_work_that_is_not_done_has_not_changed_the_weights(tmp_path, done, hand,
     assert page._left(0.2, 0.5, False).endswith(left)
 
 
+NAN = float("nan")
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "now", "done"),
+    [
+        (0.52, 0.48,
+         "After the let-off, the key has 0.5 mm of travel left, and will after the work.",
+         "After the let-off, the key has 0.5 mm of travel left, as before."),
+        (0.0, 0.5,
+         "The hammer does not let off before the key is at its end; after the work, the key will "
+         "have 0.5 mm of travel left after the let-off.",
+         "After the let-off, the key has 0.5 mm of travel left; before, the hammer did not let "
+         "off."),
+        (0.0, -0.1,
+         "The hammer does not let off before the key is at its end, and will after the work.",
+         "The hammer does not let off before the key is at its end, as before."),
+        (NAN, 0.5, "After the work, the key will have 0.5 mm of travel left after the let-off.",
+         "After the let-off, the key has 0.5 mm of travel left."),
+        (0.5, NAN, "After the let-off, the key has 0.5 mm of travel left.",
+         "Before, the key had 0.5 mm of travel left after the let-off."),
+        (NAN, NAN, *2 * ("The travel of the key after the let-off could not be measured.",)),
+    ],
+)  # fmt: skip
+def test_travel_after_the_let_off(tmp_path, before, after, now, done):
+    folder = result(tmp_path, KEY)
+    for work, text in (((), now), (["Eased."], done)):
+        page = customer_page(folder, "steinway45", done=work)
+        assert page._left(before, after, False) == text
+
+
+def test_a_key_without_let_off_has_no_travel_after_it(tmp_path):
+    page = customer_page(result(tmp_path, KEY), "steinway45")
+    none = SimpleNamespace(has_let_off=False, down_weight=GRAM, up_weight=GRAM)
+    page.__dict__["touches"] = None, none  # cannot be played slowly before
+    assert page.sentences[2] == "After the work, the hammer will not let off."
+
+
+@pytest.mark.parametrize("done", [[""], ["Bushing eased.", " "]])
+def test_empty_work_is_refused(tmp_path, done):
+    folder = result(tmp_path, KEY)
+    with pytest.raises(InvalidParameter, match="done: got an empty sentence"):
+        customer_page(folder, "steinway45", done=done)
+
+
+def test_empty_work_of_the_command_is_refused(tmp_path):
+    options = ["--customer", "--done=", "-o", str(tmp_path / "page.html")]
+    ended = CliRunner().invoke(command, [str(result(tmp_path, KEY)), "steinway45", *options])
+    assert isinstance(ended.exception, InvalidParameter) or ended.exit_code == 2
+
+
+def test_the_size_of_a_friction_is_what_it_has_more(tmp_path):
+    library = feltmb.adapters.load_library(feltmb.load_action("steinway45"))
+    told = KEY | {"mechanism": library.effect("coulomb_friction.key").mechanism}
+    page = customer_page(result(tmp_path, told), "steinway45")
+    plain = page.found.replace("\N{NO-BREAK SPACE}", " ")
+    assert plain.endswith("has more dry friction (0.0079 N m).")
+
+
 def test_without_a_cause_before_and_after_are_one(tmp_path):
     page = customer_page(result(tmp_path, verdict="NO_GAP"), "steinway45")
     assert page.before is page.after

@@ -158,16 +158,21 @@ def test_within_its_tolerance_it_is_none(slope):
 def test_an_effect_may_change_its_parameter_backwards():
     model, records = line(2.0, 0.1)
     flatter = replace(steeper("slope"), name="flatter", tolerance_ratio=-2.0)
-    (found,) = diagnose(model, [flatter], records, hold_out=["r2"]).named
+    report = diagnose(model, [flatter], records, hold_out=["r2"])
+    (found,) = report.named
     assert found.cause == "flatter"
     assert found.low < -0.5 < found.high
+    sizes = [dict(zip(s.causes, s.magnitudes, strict=True)) for s in report.sets]
+    assert sizes[0] == {"flatter": found.magnitude}
 
 
 def test_without_such_an_effect_the_parameter_is_told():
     model, records = line(2.0, 0.1)
-    (found,) = diagnose(model, [], records, hold_out=["r2"]).named
+    report = diagnose(model, [], records, hold_out=["r2"])
+    (found,) = report.named
     assert (found.cause, found.parameter) == ("slope", True)
     assert found.low < 2.0 < found.high
+    assert report.sets[0].magnitudes == (found.magnitude,)
     model, records = line(1.15, 0.1)
     assert diagnose(model, [], records, hold_out=["r2"]).verdict is Verdict.CALIBRATED
 

@@ -72,6 +72,12 @@ def machine(twice=False, **truth):
     return model, records
 
 
+def constant(records, size=0.3):
+    """The records of a machine with a constant, and the effect that is one."""
+    more = Effect(name="more", component="c", regressor=lambda r, _: np.ones(r.time.size))
+    return [replace(r, outputs={"y": r.outputs["y"] + size}) for r in records], more
+
+
 def test_a_parameter_within_its_tolerance_is_the_answer():
     model, records = machine(b=1.15)
     report = diagnose(model, [], records, hold_out=["r3"])
@@ -108,12 +114,92 @@ def test_a_cause_that_takes_nothing_away_is_not_listed():
     assert [c.name for c in report.changes] == ["b"]
 
 
-def test_all_changes_of_an_answer_leave_the_same():
-    """A cause and a parameter are both taken out of one fit, which has all changes and no other."""
-    model, records = machine(b=1.2)
-    constant = Effect(name="more", component="c", regressor=lambda r, _: np.ones(r.time.size))
-    records = [replace(r, outputs={"y": r.outputs["y"] + 0.3}) for r in records]
+def test_all_changes_of_a_kind_leave_the_same():
+    """Effects are taken out of the set, parameters out of a fit of the listed ones alone."""
+    model, records = machine(a=0.8, b=1.2)
+    records, more = constant(records)
     nothing = Effect(name="nothing", component="c", regressor=lambda r, _: np.cos(40.0 * r.time))
-    report = diagnose(model, [nothing, constant], records, hold_out=["r3"])
-    assert {c.name: c.tier for c in report.changes} == {"more": "named", "b": "fitted"}
-    assert len({(c.channel, c.held_out, c.after) for c in report.changes}) == 1
+    report = diagnose(model, [nothing, more], records, hold_out=["r3"])
+    found = {c.name: c for c in report.changes}
+    assert {c.name: c.tier for c in report.changes} == {
+        "more": "named",
+        "a": "fitted",
+        "b": "fitted",
+    }
+    assert all(c.held_out for c in report.changes)
+    assert found["a"].after == found["b"].after
+    (c,) = report.channels
+    assert found["more"].after == pytest.approx(c.share(c.held_out_explained), rel=1e-9)
+
+
+def test_without_a_single_cause_the_calibrated_model_remains():
+    """b takes up a part of a constant; what it can take up is not taken away by the constant."""
+    model, records = machine()
+    records, more = constant(records)
+    report = diagnose(model, [more], records, hold_out=["r3"])
+    (change,) = report.changes
+    (c,) = report.channels
+    assert change.before == pytest.approx(c.share(c.held_out_calibrated), rel=1e-9)
+    assert change.after == pytest.approx(c.share(c.held_out_explained), rel=1e-9)
+    assert change.before * c.motion < 0.25  # all of it would be 0.3
+
+
+def test_without_one_of_two_causes_least_squares_of_the_rest_remain():
+    model, records = machine()
+    waves = [
+        Effect(name=name, component="c", regressor=lambda r, _, w=w: np.cos(w * r.time))
+        for name, w in (("slow", 9.0), ("fast", 40.0))
+    ]
+    records = [
+        replace(r, outputs={"y": r.outputs["y"] + sum(0.2 * e.regressor(r, None) for e in waves)})
+        for r in records
+    ]
+    found = {c.name: c for c in diagnose(model, waves, records, hold_out=()).changes}
+    assert set(found) == {"slow", "fast"}
+    y = np.concatenate([r.outputs["y"] for r in records])
+    motion = np.sqrt(np.mean([np.var(r.outputs["y"]) for r in records]))
+    u = np.concatenate([r.inputs["u"] for r in records])
+    for lost, kept in (("slow", waves[1]), ("fast", waves[0])):
+        wave = np.concatenate([kept.regressor(r, None) for r in records])
+        columns = np.column_stack([u, u**2, u**3, wave])
+        left = y - columns @ np.linalg.lstsq(columns, y, rcond=None)[0]
+        assert found[lost].before * motion == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-3)
+
+
+def test_an_effect_is_listed_also_if_parameters_can_imitate_it():
+    """Without it, fitted parameters leave little; it is listed by what the model misses of it."""
+    model, records = machine()
+    fifth = Effect(name="more", component="c", regressor=lambda r, _: r.inputs["u"] ** 5)
+    records = [
+        replace(r, outputs={"y": r.outputs["y"] + 0.1 * r.inputs["u"] ** 5}) for r in records
+    ]
+    report = diagnose(model, [fifth], records, hold_out=["r3"])
+    (change,), (c,) = report.changes, report.channels
+    assert change.before == pytest.approx(c.share(c.held_out_calibrated), rel=1e-9)
+    assert change.before < 0.01
+    missed = np.sqrt(np.mean((0.1 * records[3].inputs["u"] ** 5) ** 2))
+    assert change.takes * c.motion == pytest.approx(missed, rel=0.02)
+
+
+def test_without_a_parameter_no_other_one_stands_for_it():
+    """c could replace most of a; the answer is that a has changed, and c has not."""
+    model, records = machine(a=1.2)
+    report = diagnose(model, [], records, hold_out=["r3"])
+    (change,) = report.changes
+    left = np.sqrt(np.mean((0.2 * records[3].inputs["u"]) ** 2) + 0.01**2)
+    assert change.name == "a"
+    assert change.before * report.channels[0].motion == pytest.approx(left, rel=0.01)
+    assert "; with the listed parameters alone, in held-out records, " in " ".join(
+        report.text().split()
+    )
+
+
+def test_what_acts_in_the_held_out_records_only_is_told():
+    model, records = machine()
+    (late,), _ = constant(records[3:])
+    report = diagnose(model, [], [*records[:3], late], hold_out=["r3"])
+    (c,) = report.channels
+    assert c.fitted_explained == pytest.approx(0.01, rel=0.1)
+    told = f"{100.0 * c.share(c.held_out_explained):.2g} % of y remains in the held-out records, "
+    told += f"and {100.0 * c.share(c.fitted_explained):.2g} % in the fitted ones: something acts in"
+    assert told in report.text(300)

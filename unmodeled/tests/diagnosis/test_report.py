@@ -12,6 +12,7 @@ import pytest
 from unmodeled import Report, Verdict
 from unmodeled.errors import FileExists
 from unmodeled.fit.model import UserUnit
+from unmodeled.library import for_force_balance
 from unmodeled.search.result import (
     Cell,
     Channel,
@@ -249,7 +250,9 @@ def test_a_cause_that_is_fitted_but_not_named_is_told(report):
     reasons = (Reason.DIFFERS_BETWEEN_RECORDS,)
     refused = replace(report, sets=sets, reported=sets[0].causes, reasons=reasons)
     assert "wear" in refused.text().split("\nHeld-out")[0]
-    assert "not named" in refused.summary()
+    assert "wear, a part of the fit that is not named: with all 3" in refused.summary()
+    more = replace(refused, reported=(*refused.reported, "tear"))
+    assert "wear and tear, a part of the fit that is not named: with all 4" in more.summary()
     assert "not named" not in report.summary()
 
 
@@ -453,3 +456,37 @@ def test_a_machine_without_a_change_has_no_next_step(report):
 def test_held_out_records_that_are_not_predicted_are_told(report):
     told = replace(report, reasons=(Reason.NOT_PREDICTED,))
     assert "The held-out records were not predicted" in told.text(200)
+
+
+@pytest.mark.parametrize(
+    ("explained", "fitted", "told"),
+    [
+        (0.04, 0.004, "2.4 % of angle remains in the held-out records, and 0.8 % in the fitted "
+         "ones: something acts in the held-out ones that these do not show."),
+        (0.004, 0.004, "2.4 % of angle remains in the held-out records, and 0.8 % in the fitted "
+         "ones: these alone do not determine all that acts in the held-out ones."),
+        (0.04, 0.006, "2.4 % of angle remains in the held-out records, and 1.2 % in the fitted "
+         "ones."),
+        (0.04, 0.013, ""),
+        (0.04, NAN, ""),
+    ],
+)  # fmt: skip
+def test_what_only_the_held_out_records_keep_is_told(report, explained, fitted, told):
+    c = replace(report.channels[0], explained=explained, fitted_explained=fitted)
+    quiet = bare_report(report, Verdict.CALIBRATED, channels=(c, *report.channels[1:]))
+    text = quiet.text(200)
+    assert told in text
+    assert ("remains in the held-out records" in text) == bool(told)
+
+
+def test_a_letter_and_a_countable_law_have_their_words(report):
+    law = next(e for e in for_force_balance("q", "dq", force=1.0, travel=1.0, pace=1.0)
+               if e.name == "constant force")  # fmt: skip
+    force = replace(report.named[0], cause=law.name, title=law.label, component="drive")
+    left = replace(report.without[0], name=law.name)
+    first = replace(report, named=(force,), without=(left, *report.without[1:]))
+    assert first.summary().startswith("The drive has a constant force of 0.0213 N m (0.0195")
+    at = replace(first, named=(replace(force, component="x"),))
+    assert at.summary().startswith("A constant force of 0.0213 N m (0.0195 to 0.0231) acts on x")
+    unsure = replace(at, named=(), supported=at.named, verdict=Verdict.SUPPORTED)
+    assert "may act on x" in unsure.summary()

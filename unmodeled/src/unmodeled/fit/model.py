@@ -175,8 +175,8 @@ class Effect:
     """Value from which the numbers of a shape have a scale: the fit changes the logarithm of their
     distance from it. Not 0 for a reading with an arbitrary zero, such as a temperature."""
     label: str = ""
-    """Name for people: what is added ("dry friction"), or with its article what changes ("the
-    stiffness of the spring"); default: the name without the component."""
+    """Name for people, with its article: what is added ("dry friction", "a dead zone"), or what
+    changes ("the stiffness of the spring"); default: the name without the component."""
     remedy: str = ""
     """Recommended remedy."""
     lower: float = -math.inf

@@ -246,6 +246,7 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
     """
     return Effect(
         name=f"dead zone {c.name}",
+        label="a dead zone",
         component=c.name,
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=0.3 * stiffness,
@@ -279,6 +280,7 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
 
     return Effect(
         name=f"end stop {c.name}",
+        label="an end stop",
         component=c.name,
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=stiffness,
@@ -371,6 +373,7 @@ def damper_clearance(c: Part, *, damping: float, travel: float) -> Effect:
 
     return Effect(
         name=f"clearance of damper {c.name}",
+        label="a clearance of the damper",
         component=c.name,
         unit="1",
         scale=0.5,
@@ -425,6 +428,7 @@ def offset_force(c: Part, *, scale: float) -> Effect:
     """A constant force: gravity, preload, offset of the drive."""
     return Effect(
         name=f"constant force {c.name}",
+        label="a constant force",
         component=c.name,
         unit=c.unit,
         scale=scale,

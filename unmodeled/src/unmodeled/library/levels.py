@@ -44,6 +44,7 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
 
     return Effect(
         name=f"overflow {state}",
+        label="an overflow",
         component=state,
         unit="1/s",
         scale=rate_scale,
@@ -62,6 +63,7 @@ def leak(state: str, *, scale: float) -> Effect:
     """A loss proportional to the state."""
     return Effect(
         name=f"leak {state}",
+        label="a leak",
         component=state,
         unit="1/s",
         scale=scale,
@@ -88,6 +90,7 @@ def power_outflow(state: str, power: float, *, scale: float, unit: str) -> Effec
     """
     return Effect(
         name=f"loss ~ {state}^{power:g}",
+        label=f"a loss ~ {state}^{power:g}",
         component=state,
         unit=unit,
         scale=scale,
@@ -136,6 +139,7 @@ def exchange(
     law = "" if power == 1.0 else f"^{power:g}"
     return Effect(
         name=f"exchange ~ ({state} - {ambient}){law}",
+        label=f"an exchange ~ ({state} - {ambient}){law}",
         component=state,
         unit=unit,
         scale=scale,
@@ -160,6 +164,7 @@ def constant_rate(state: str, *, scale: float, unit: str) -> Effect:
     """
     return Effect(
         name=f"constant inflow {state}",
+        label="a constant inflow",
         component=state,
         unit=unit,
         scale=scale,
@@ -191,6 +196,7 @@ def second_store(state: str, *, scale: float, size: float, times: Sequence[float
 
     return Effect(
         name=f"second store {state}",
+        label="a second store",
         component=state,
         unit="1/s",
         scale=scale,

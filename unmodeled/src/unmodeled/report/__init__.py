@@ -123,8 +123,9 @@ def _statement(result: Result) -> str:
         told = [clause(x) for x in result.changes[:HEADLINE]]
         rest = len(result.changes) - len(told)
         told += [f"{rest} more change{'s are' if rest > 1 else ' is'} in the list"] if rest else []
-        told += ["something is not named"] if _unnamed(result) else []
-        count = len(result.changes) + bool(_unnamed(result))
+        unnamed = _unnamed(result)
+        told += [f"{joined(unnamed)}, a part of the fit that is not named"] if unnamed else []
+        count = len(result.changes) + len(unnamed)
         those = {1: "this", 2: "both"}.get(count, f"all {count}")
         found = f"falls from {before} to {after}" if math.isfinite(c.tabulated) else f"is {after}"
         first = (
@@ -228,7 +229,8 @@ def _item(c: Change) -> str:
         sure = f"{100.0 * c.probability:.0f}"
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
-        where = "in held-out records, " * c.held_out
+        where = "with the listed parameters alone, " * (c.kind == "parameter")
+        where += "in held-out records, " * c.held_out
         left = f"{where}{percent(c.after)} of the motion of {c.channel} is left"
         lost = math.isinf(c.before)
         less = "the simulation fails without it" if lost else f"{percent(c.before)} without it"
@@ -255,12 +257,26 @@ def _probabilities(result: Result, least: float = 0.01) -> list[tuple[str, float
 
 
 def _held_out(result: Result) -> _Section:
-    if result.held_out_gain is None:
-        return _Section("Held-out records")
-    value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
-    what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
-    line = f"Where nothing was fitted, the residual {what} with the causes"
-    return _Section("Held-out records", [f"{line} ({high} to {low} %)."])
+    lines = []
+    if result.held_out_gain is not None:
+        value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
+        what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
+        lines = [
+            f"Where nothing was fitted, the residual {what} with the causes ({high} to {low} %)."
+        ]
+    remaining = [c for c in result.channels if c.fitted_explained < c.held_out_explained > c.limit]
+    if remaining:
+        c = max(remaining, key=lambda c: c.held_out_explained / c.limit)
+        line = (
+            f"{part(c, c.held_out_explained)} of {c.name} remains in the held-out records, and "
+            f"{part(c, c.fitted_explained)} in the fitted ones"
+        )
+        if not c.material:
+            line += ": these alone do not determine all that acts in the held-out ones"
+        elif c.fitted_explained <= c.limit:
+            line += ": something acts in the held-out ones that these do not show"
+        lines.append(f"{line}.")
+    return _Section("Held-out records", lines)
 
 
 def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:

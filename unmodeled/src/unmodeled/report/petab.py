@@ -146,7 +146,11 @@ def _models(result: Result, columns: Sequence[_Column], groups: Iterable[str]) -
         yield f"  model_hash: {mark}"
         yield "  model_subspace_petab_yaml: petab.yaml"
         size = dict(zip(s.causes, s.magnitudes, strict=False))
-        values = [f"{c.magnitude}: {size[c.cause]:.9e}" for c in columns if c.cause in size]
+        values = [
+            f"{c.magnitude}: {size[c.cause]:.9e}"
+            for c in columns
+            if math.isfinite(size.get(c.cause, math.nan))
+        ]
         yield f"  estimated_parameters: {{{', '.join(values)}}}"
         yield f"  model_id: {mark}"
         options = zip(columns, chosen, strict=True)

@@ -109,7 +109,9 @@ def _clause(c: Change) -> str:
     of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative)
     size = f"{of}{name} ({low} to {high})"
     sure = c.tier != "supported"
-    be, has, differs = ("is", "has", "differs") if sure else ("may be", "may have", "may differ")
+    be, has, differs, acts = ("is", "has", "differs", "acts")
+    if not sure:
+        be, has, differs, acts = ("may be", "may have", "may differ", "may act")
     if c.kind in ("sensor", "input"):
         return f"{_with_article(c.title)} {be} off by {size}"
     thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
@@ -117,6 +119,8 @@ def _clause(c: Change) -> str:
         what = c.title.removesuffix(c.component).strip().removesuffix(" of")
         if not what:  # a parameter of the user's function that is an effect
             return f"the effect {c.title} {has} a size of {size}"
+        if len(c.component) == 1:  # a letter may stand for anything
+            return f"{what} of {size} {acts} on {c.component}"
         return f"{_with_article(c.component)} {has} {what} of {size}"
     thing = thing or f"the parameter {c.title}"
     if c.user_unit is not None and c.user_unit.unit == "turn":
@@ -134,8 +138,6 @@ def _clause(c: Change) -> str:
 
 
 def _with_article(name: str) -> str:
-    if len(name) == 1:
-        return f"the state {name}"
     return name if name[:4].lower() == "the " else f"the {name}"
 
 

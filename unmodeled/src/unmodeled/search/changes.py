@@ -2,8 +2,13 @@
 
 A fit moves all parameters a little. The answer is the smallest set of them that does as well: a
 search on the normal equations of the fit finds it, and a fit of these parameters alone, with all
-others at their tabulated values, gives their sizes. What a change takes away is the difference of
-two fits, with it and without it, in held-out records where there are some.
+others at their tabulated values, gives their sizes.
+
+What a change takes away is the difference of two fits with the same freedom, with it and without
+it, in held-out records where there are some. An effect is what no parameter can do: with it and
+without it, all parameters are fitted. A parameter can mostly be replaced by small changes of many
+others, which the search has found less probable: with it and without it, those that are not in the
+answer keep their tabulated values.
 """
 
 from __future__ import annotations
@@ -17,18 +22,14 @@ import numpy as np
 from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, log_evidence
 from unmodeled.search.fit import Start, fit_sets
-from unmodeled.search.held_out import predict
-from unmodeled.search.linear import (
-    EvaluationRequest,
-    Linear,
-    Point,
-    evaluate,
-    local_of,
-    unknowns_of,
-)
-from unmodeled.search.problem import Observed, Problem, rms_of
+from unmodeled.search.held_out import Predicted, predict
+from unmodeled.search.linear import EvaluationRequest, Point, evaluate, local_of, unknowns_of
+from unmodeled.search.problem import Members, Observed, Problem, rms_of
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import ParameterValue, Without
+from unmodeled.search.search import start_from
+
+_Seen = Fitted | Predicted | None
 
 #: Largest number of parameters of an answer, and of equivalents of one.
 MOST, EQUIVALENTS = 6, 3
@@ -107,6 +108,7 @@ def explain(
     best: Fitted,
     covariance: Array,
     sets: Mapping[tuple[int, ...], Fitted],
+    predicted: Mapping[tuple[int, ...], Predicted | None],
     groups: Sequence[Sequence[int]],
     values: Callable[[Problem, Fitted], Sequence[ParameterValue]],
     check: Callable[[], None] = lambda: None,
@@ -121,8 +123,8 @@ def explain(
         The reported set, fitted.
     covariance
         Covariance of its unknowns.
-    sets
-        Other fitted sets.
+    sets, predicted
+        Fitted sets, and the held-out records with some of them; None: the simulation fails.
     groups
         Causes of each answer: one cause, or the members of a class.
     values
@@ -131,15 +133,15 @@ def explain(
         Is called before each simulation of all fits that proceed together; may raise ``Stop``: the
         changes without a fit are omitted.
     """
-    work = _Fits(problem, best, covariance, check)
+    work = _Fits(problem, best, covariance, sets, predicted, check)
     out, without = [], []
     try:
-        for group in groups:
-            without += work.causes(group, sets)
-        for group in work.groups:
-            out.append(work.alike(group, values))
-            less = work.fitted(work.kept - {group[0]})
-            without += work.without([p.name for p in out[-1]], less)
+        for causes in groups:
+            without += work.without_causes(causes)
+        for parameters in work.groups:
+            out.append(work.alike(parameters, values))
+            less = work.fitted(work.kept - {parameters[0]})
+            without += work.without_listed([p.name for p in out[-1]], less)
     except (Stop, KeyboardInterrupt):
         pass
     return Explained(tuple(out), tuple(without))
@@ -152,9 +154,17 @@ class _Fits:
     """
 
     def __init__(
-        self, problem: Problem, best: Fitted, covariance: Array, check: Callable[[], None]
+        self,
+        problem: Problem,
+        best: Fitted,
+        covariance: Array,
+        sets: Mapping[tuple[int, ...], Fitted],
+        predicted: Mapping[tuple[int, ...], Predicted | None],
+        check: Callable[[], None],
     ) -> None:
         self.problem, self.best, self.covariance, self.check = problem, best, covariance, check
+        self.sets = sets
+        self.seen = {(id(problem), causes): p for causes, p in predicted.items()}
         own = [problem.model.parameters[i] for i in problem.free]
         released = problem.released(best.members)
         tested = [
@@ -201,49 +211,69 @@ class _Fits:
             self.known[key] = smaller, found
         return self.known[key]
 
-    def without(
-        self,
-        names: Sequence[str],
-        less: tuple[Problem, Fitted | None],
-    ) -> list[Without]:
-        """What is left without a change, under the names of it and its equivalents.
-
-        It is compared with one fit for all changes: that of all of them, and of nothing else.
-        """
-        (problem, full), (smaller, part) = self.fitted(self.kept), less
-        if full is None:
-            return []
-        none = (math.inf,) * len(problem.channels)
-        before, there, after = none, None, _rms(full.linears, problem.fit)
-        if part is not None:
-            before = _rms(_at(smaller, part, full.point, part.point, problem.fit), problem.fit)
-        if problem.held_out and (f := predict(problem, [full], self.check)[0]) is not None:
-            records, lost = problem.held_out, none
-            p = None if part is None else predict(smaller, [part], self.check)[0]
-            if part is not None and p is not None:
-                lost = _rms(_at(smaller, part, f.point, p.point, records), records)
-            there = lost, tuple(map(float, f.rms(problem)))
-        return [Without(name, before, after, there) for name in names]
-
-    def causes(self, group: Sequence[int], sets: Mapping[tuple[int, ...], Fitted]) -> list[Without]:
+    def without_causes(self, group: Sequence[int]) -> list[Without]:
         """What is left without a cause, or without all members of a class."""
         problem, best = self.problem, self.best
         member = next((i for i in group if i in best.causes), None)
         if member is None:
             return []
+        names = [problem.causes[i].name for i in group]
         index = problem.causes[member].parameter
         if index is not None:
-            less = self.fitted(self.kept - {problem.free.index(index)})
-        elif problem.causes[member].local is not None or any(
-            e.hidden for e in problem.effects_of(best.members)
-        ):  # other unknowns of the records
-            smaller = sets.get(tuple(i for i in best.causes if i != member))
-            if smaller is None:  # no start is known
-                return []
-            less = self.fitted(self.kept, member, smaller.point.local)
-        else:
-            less = self.fitted(self.kept, member)
-        return self.without([problem.causes[i].name for i in group], less)
+            return self.without_listed(names, self.fitted(self.kept - {problem.free.index(index)}))
+        rest = tuple(m for m in best.members if m.cause != member)
+        less = self.sets.get(tuple(m.cause for m in rest))
+        if less is None:
+            (less,) = fit_sets(problem, [start_from(problem, rest, best)], self.check)
+        found = self._without(names, (problem, best), (problem, less))
+        if less is None:
+            return found
+        alone = self.without_listed(names, self.fitted(self.kept, member, less.point.local))
+        return [replace(w, alone=a) for w, a in zip(found, alone, strict=bool(alone))] or found
+
+    def without_listed(
+        self, names: Sequence[str], less: tuple[Problem, Fitted | None]
+    ) -> list[Without]:
+        """What is left without a change if nothing but the changes differs from the model.
+
+        What a record varies by itself must not stand in for it: the unknowns of the records keep
+        the values that they have with it, and only starts that are not known are fitted.
+        """
+        return self._without(names, self.fitted(self.kept), less, same_records=True)
+
+    def _without(
+        self,
+        names: Sequence[str],
+        whole: tuple[Problem, Fitted | None],
+        less: tuple[Problem, Fitted | None],
+        *,
+        same_records: bool = False,
+    ) -> list[Without]:
+        """What two fits leave, with and without a change that has several names."""
+        problem, left = self.problem, []
+        seen: list[tuple[tuple[Observed, ...], _Seen, _Seen]] = [(problem.fit, whole[1], less[1])]
+        if problem.held_out:
+            seen += [(problem.held_out, self._held_out(*whole), self._held_out(*less))]
+        for records, full, part in seen:
+            if full is None:
+                break
+            residuals = None if part is None else part.residuals
+            if same_records and part is not None and less[1] is not None:
+                residuals = _at(less[0], less[1].members, full.point, part.point, records)
+            left.append((_rms(records, residuals), _rms(records, full.residuals)))
+        if not left:
+            return []
+        there = left[1] if len(left) > 1 else None
+        return [Without(name, *left[0], held_out=there) for name in names]
+
+    def _held_out(self, problem: Problem, fitted: Fitted | None) -> Predicted | None:
+        """The held-out records with a set; None: the simulation fails."""
+        if fitted is None:
+            return None
+        key = id(problem), fitted.causes
+        if key not in self.seen:
+            self.seen[key] = predict(problem, [fitted], self.check)[0]
+        return self.seen[key]
 
     def alike(
         self,
@@ -267,23 +297,28 @@ class _Fits:
 
 
 def _at(
-    problem: Problem, fitted: Fitted, whole: Point, own: Point, records: tuple[Observed, ...]
-) -> tuple[Linear, ...]:
+    problem: Problem,
+    members: Members,
+    whole: Point,
+    own: Point,
+    records: tuple[Observed, ...],
+) -> tuple[Array, ...]:
     """Residuals of a smaller set with the unknowns of the records that the whole set has.
 
-    What a record varies by itself must not stand in for the change that is left out. Unknown starts
-    are those of the smaller set.
+    Unknown starts are those of the smaller set.
     """
     local = []
     for o, mine, theirs in zip(records, own.local, whole.local, strict=True):
-        known = [not q.unknown for q in local_of(problem, fitted.members, o)]
+        known = [not q.unknown for q in local_of(problem, members, o)]
         local.append(np.where(known, theirs, mine) if mine.size == theirs.size else mine)
-    ask = EvaluationRequest(fitted.members, Point(own.x, tuple(local)), records, derivatives=False)
-    return tuple(evaluate(problem, [ask])[0])
+    ask = EvaluationRequest(members, Point(own.x, tuple(local)), records, derivatives=False)
+    return tuple(x.residual for x in evaluate(problem, [ask])[0])
 
 
-def _rms(linears: Sequence[Linear], records: Sequence[Observed]) -> tuple[float, ...]:
+def _rms(records: Sequence[Observed], residuals: Sequence[Array] | None) -> tuple[float, ...]:
     """Residual by channel [its unit]; infinite if the simulation fails."""
+    if residuals is None:
+        return (math.inf,) * int(records[0].sd.shape[1])
     with np.errstate(all="ignore"):
-        rms = rms_of(records, (x.residual for x in linears))
+        rms = rms_of(records, residuals)
     return tuple(float(v) if math.isfinite(v) else math.inf for v in rms)

@@ -51,6 +51,11 @@ class Fitted:
             [x.residual[:, c] / self.noise[c] for x in self.linears for c in range(self.noise.size)]
         )
 
+    @property
+    def residuals(self) -> tuple[Array, ...]:
+        """By record, in units of the noise of the sensors, (n, m)."""
+        return tuple(x.residual for x in self.linears)
+
     @cached_property
     def squares(self) -> Array:
         """Sum of the squared residuals by channel, (m,)."""

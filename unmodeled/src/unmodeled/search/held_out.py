@@ -61,7 +61,7 @@ def predict(
             )
         )
     return [
-        None if f is None else Predicted(f.point, tuple(x.residual for x in f.linears))
+        None if f is None else Predicted(f.point, f.residuals)
         for f in run_in_lockstep(problem, runs, step)
     ]
 

@@ -97,6 +97,9 @@ class Channel:
     held_out_explained: float = float("nan")
     good_enough: float = 0.0
     """Residual that does not matter."""
+    fitted_explained: float = float("nan")
+    """Residual with the named causes in the records that were fitted before the held-out ones were
+    predicted."""
 
     @checked
     def share(self, residual: AnyNumber) -> float:
@@ -209,7 +212,11 @@ class Named:
 
 @dataclass(frozen=True)
 class Without:
-    """Residuals that are left without one change, all else being fitted again."""
+    """Residuals with all changes and without one, both fitted.
+
+    For an effect, all parameters are fitted with it and without it: they cannot do what it does.
+    For a parameter, those that are no changes keep their tabulated values.
+    """
 
     name: str
     """Name of the cause or of the parameter."""
@@ -219,6 +226,8 @@ class Without:
     """With all changes [its unit]."""
     held_out: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """Both in held-out records; None: there are none."""
+    alone: Without | None = None
+    """For an effect: the same if nothing but the changes differs from the model."""
 
 
 @dataclass(frozen=True)
@@ -260,7 +269,8 @@ class Change:
     held_out: bool = False
     """Whether both are those of held-out records."""
     takes: float = math.nan
-    """Rms of what it takes away, ``sqrt(before**2 - after**2)`` [1]; NaN: it is not known."""
+    """Rms of what it takes away if nothing but the changes of the list differs from the model [1];
+    NaN: it is not known."""
     matters: bool = True
     """Whether it takes away more than what does not matter in some output."""
     shape: Any = None
@@ -287,6 +297,7 @@ class SetOfCauses:
     residual: tuple[float, ...]
     """Rms of the residual by channel [its unit]."""
     magnitudes: tuple[float, ...] = ()
+    """By cause [its unit]; the value of a parameter, NaN for an error of each record."""
 
 
 @dataclass(frozen=True)
@@ -471,22 +482,24 @@ class Result:
         left = next((w for w in self.without if w.name == n.cause), None)
         if left is None:
             return found
-        fitted, held_out = (left.before, left.after), left.held_out
-        k, taken, ratio = self._taken(*fitted)
-        pair, matters, held = fitted, ratio > 1.0, False
-        if held_out is not None:
-            at, value, there = self._taken(*held_out)
-            if held := there > 1.0:  # else the change acts in the fitted records only
-                k, taken, pair, matters = at, value, held_out, True
+        # What the model misses without it decides, and not what parameters can imitate of it.
+        alone, held = left.alone or left, False
+        k, taken, ratio = self._taken(alone.before, alone.after)
+        if alone.held_out is not None:
+            there = self._taken(*alone.held_out)
+            if held := there[2] > 1.0:  # else the change acts in the fitted records only
+                k, taken, ratio = there
+        pair = (left.held_out or alone.held_out) if held else None
+        before, after = pair or (left.before, left.after)
         c = self.channels[k]
         return replace(
             found,
             channel=c.name,
-            before=c.share(pair[0][k]),
-            after=c.share(pair[1][k]),
+            before=c.share(before[k]),
+            after=c.share(after[k]),
             held_out=held,
             takes=c.share(taken),
-            matters=matters,
+            matters=ratio > 1.0,
         )
 
     def _taken(self, before: Sequence[float], after: Sequence[float]) -> tuple[int, float, float]:

@@ -210,12 +210,19 @@ def _tabulated(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Fit
     return Fitted((), local.point, tuple(linears), noise_left(problem, linears))
 
 
-def _start(
+def start_from(
     problem: Problem, members: Members, origin: Fitted, added: Sequence[Score] = ()
 ) -> Start:
     """Start of the fit of a set from the fit of another one.
 
-    ``added``: scores of the causes that the other set lacks.
+    Parameters
+    ----------
+    problem, members
+        The problem and the set.
+    origin
+        Fit of the other set.
+    added
+        Scores of the causes that the other set lacks.
     """
     base, new = origin.point, unknowns_of(problem, members)
     kept = {m.cause for m in members if m in origin.members}
@@ -314,7 +321,7 @@ def _refit(
         if (key, id(origin)) in found.tried or found.sets.get(key) is origin:
             continue
         found.tried.add((key, id(origin)))
-        todo.append(_start(problem, members, origin, added))
+        todo.append(start_from(problem, members, origin, added))
     rivals = [best_of(problem, list(found.sets.values()))] if found.sets else []
     try:
         _keep(found, fit_sets(problem, todo, check, rivals))

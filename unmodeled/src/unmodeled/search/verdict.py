@@ -27,7 +27,6 @@ from unmodeled.search.linear import (
     EvaluationRequest,
     evaluate,
     local_of,
-    magnitudes_at,
     movable,
     shapes_of,
     theta_at,
@@ -124,6 +123,11 @@ def judge(
     ):  # a few runs after the limit
         predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
     channels = _channels(problem, shown, alone, best, predicted, options)
+    if shown.held_out and (part := searched.sets.get(best.causes)) is not None:
+        channels = tuple(
+            replace(c, fitted_explained=float(v))
+            for c, v in zip(channels, _rms(shown, part), strict=True)
+        )
     ours, base = predicted.get(best.causes), predicted.get(())
     gain = None
     if best is not alone and ours is not None and base is not None:
@@ -162,6 +166,7 @@ def judge(
         fitted,
         _covariance(own, fitted),
         searched.sets if own is shown else {s.causes: s for s in sets},
+        predicted,
         [[i] for i in (*told, *supported)] + classes,
         _parameters,
         check,
@@ -185,7 +190,7 @@ def judge(
                 tuple(problem.causes[i].name for i in s.causes),
                 float(w),
                 tuple(float(v) for v in _rms(problem, s)),
-                tuple(float(v) for v in magnitudes_at(problem, s.members, s.point.x)),
+                tuple(_size(problem, s, i)[0] for i in s.causes),
             )
             for s, w in zip(sets, weight, strict=True)
         ),
@@ -606,26 +611,23 @@ def _named(
     if found.local is not None:
         return _in_each_record(problem, fitted, cause, probability)
     k = index_of(problem, fitted.members, cause)
-    x, sd = fitted.point.x[k], math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
+    sd = math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
     values, _ = _by_record(problem, fitted, cause)
-    effect, words, shape, changes, zero = found.effect, found.effect or found.alias, None, "", 0.0
+    effect, words, shape, changes = found.effect, found.effect or found.alias, None, ""
+    value, zero, scale = _size(problem, fitted, cause)
     if effect is not None:
-        scale = effect.scale
         shape = shapes_of(problem, fitted.members, fitted.point.x)[k - len(problem.free)].shape
     else:
-        scale = problem.unit[k] / (1.0 if words is None else words.tolerance_ratio)
         p = problem.model.parameters[problem.free[k]]
         changes, unit, (low, high) = p.name, p.unit, (p.lower, p.upper)
-        zero = p.value
     if words is not None:
-        zero, unit, (low, high) = 0.0, words.unit, words.bounds
+        unit, (low, high) = words.unit, words.bounds
     half = HALF * sd * abs(scale)
-    value = zero + scale * x
     return Named(
         cause=found.name,
         component=found.component,
         unit=unit,
-        magnitude=float(value),
+        magnitude=value,
         low=float(max(value - half, low)),
         high=float(min(value + half, high)),
         probability=probability,
@@ -640,6 +642,21 @@ def _named(
         title="" if words is None else words.label,
         user_unit=None if effect is not None or unit != p.unit else p.user_unit,
     )
+
+
+def _size(problem: Problem, fitted: Fitted, cause: int) -> tuple[float, float, float]:
+    """Magnitude of a cause in a set, its zero and its scale; NaN: it differs between records."""
+    found = problem.causes[cause]
+    if found.local is not None:
+        return math.nan, 0.0, math.nan
+    k, zero = index_of(problem, fitted.members, cause), 0.0
+    if found.effect is not None:
+        scale = found.effect.scale
+    elif found.alias is not None:
+        scale = float(problem.unit[k]) / found.alias.tolerance_ratio
+    else:
+        zero, scale = float(problem.tabulated[problem.free[k]]), float(problem.unit[k])
+    return zero + scale * float(fitted.point.x[k]), zero, scale
 
 
 def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> Named:
@@ -739,7 +756,7 @@ def _traces(
 
 def _rms(problem: Problem, fitted: Fitted) -> Array:
     """Rms of the residual by channel [its unit], (m,)."""
-    return rms_of(problem.fit, (x.residual for x in fitted.linears))
+    return rms_of(problem.fit, fitted.residuals)
 
 
 def _white(problem: Problem, fitted: Fitted) -> Array:
