@@ -281,8 +281,8 @@ class Means:
 class Runner:
     """Computes runs and caches the results.
 
-    A function with a method ``run_all(runs)`` computes several runs at once, unless there is an
-    executor.
+    A function with a method ``run_all(runs, workers)`` computes several runs at once, unless there
+    is an executor.
     """
 
     def __init__(
@@ -292,6 +292,7 @@ class Runner:
         self._outputs = outputs
         self._name = name
         self._kept: Latest[bytes, Array] = Latest(KEPT, lambda values: values.size)
+        self._workers = means.workers
         self._pool: Any = means.executor
         self._task: Callable[..., Array | str] = _work
         if self._pool is not None:
@@ -324,11 +325,11 @@ class Runner:
                 "module that uses nothing open (file, lock, connection): let it open that itself"
             ) from None
 
-    def start(self, workers: int | None) -> None:
+    def start(self) -> None:
         """Start processes, before there are threads."""
         if self._pool is not None or hasattr(self._function, "run_all"):
             return
-        count = workers or cores()
+        count = self._workers or cores()
         if count == 1:
             return
         given: Function | bytes = self._function
@@ -378,6 +379,7 @@ class Runner:
             return math.inf, known[0]
         tick = clock.perf_counter()
         again = self._one(repeated)
+        self.made += 1
         if isinstance(again, str):
             raise InvalidParameter(f"model {self._name}: its function raises {again} ({run})")
         return clock.perf_counter() - tick, again
@@ -437,8 +439,12 @@ class Runner:
         j, i = bad[0]
         return f"returns {found[j, i]} for {self._outputs[i]} at t = {run.time[j]:g} s, sample {j}"
 
+    def took(self, run: Run, given: Any) -> None:
+        """Keep what the function returned for a run already, if it is of use."""
+        if not isinstance(found := self._one(run, lambda *_: given), str):
+            self._kept.keep(run.key, found)
+
     def _one(self, run: Run, function: Function | None = None) -> Array | str:
-        self.made += 1
         try:
             found = call(function or self._function, run, self._outputs)
         except Unusable as error:
@@ -469,15 +475,15 @@ class Runner:
         return [next(new) if values is None else values for values in known]
 
     def _computed(self, runs: Sequence[Run]) -> list[Array | str]:
-        alone = self._pool is None or len(runs) < 2
-        if alone and hasattr(self._function, "run_all"):  # it has threads of its own
-            return [
-                self._one(run, lambda *_, y=y: y)
-                for run, y in zip(runs, self._function.run_all(runs), strict=True)
-            ]
-        if alone:
-            return [self._one(run) for run in runs]
         out: list[Array | str] = []
+        # Own processes also make a single run: one that ends its process does not end this one.
+        if self._pool is None or len(runs) < (1 if self._task is _work else 2):
+            together = getattr(self._function, "run_all", None)  # it has threads of its own
+            given = iter(together(runs, self._workers) if together and runs else ())
+            for run in runs:
+                out.append(self._one(run, (lambda *_: next(given)) if together else None))
+                self.made += 1
+            return out
         futures: list[Any] = []
         try:
             futures += (self._pool.submit(self._task, run, self._outputs) for run in runs)

@@ -124,13 +124,10 @@ class Mjcf:
         The file.
     key, settle, hold
         As for :func:`~unmodeled.fit.mujoco`.
-    workers
-        Number of threads; None: number of cores.
     """
 
-    def __init__(self, path: Path, key: str, settle: float, hold: str, workers: int | None):
+    def __init__(self, path: Path, key: str, settle: float, hold: str):
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
-        self.workers = workers or cores()
         self.parts = 1
         """Parts of each time step; more than 1 tells the error of the time step."""
         self.notices: tuple[str, ...] = ()
@@ -256,19 +253,23 @@ class Mjcf:
         (found,) = self.run_all([Run("", time, driven, dict(parameters))])
         return found
 
-    def run_all(self, runs: Sequence[Run]) -> list[dict[str, Array]]:
+    def run_all(self, runs: Sequence[Run], workers: int | None = None) -> list[dict[str, Array]]:
         """Outputs of several runs; they do not depend on the number of threads.
 
         Parameters
         ----------
         runs
             The runs.
+        workers
+            Number of threads; None: number of cores.
         """
         stop = threading.Event()
         changes = [self._changed(run.parameters) for run in runs]
         jobs = [(self._structure(c), r, c, stop) for c, r in zip(changes, runs, strict=True)]
         steps = sum((r.time[-1] - r.time[0]) / self.model.opt.timestep for r in runs)
-        count = min(self.workers, len(jobs) or 1, 1 + int(steps * self.parts / WORTH_A_THREAD))
+        count = min(
+            workers or cores(), len(jobs) or 1, 1 + int(steps * self.parts / WORTH_A_THREAD)
+        )
         with quiet():
             if count == 1:
                 return [self._run(*job) for job in jobs]

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Collection,
+    Generator,
+    Iterable,
+    Iterator,
+    Mapping,
+    Sequence,
+)
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -25,6 +33,7 @@ __all__ = [
     "stated",
 ]
 
+V = TypeVar("V")
 #: Parameters with their priors: ``(value, sd, unit)`` by name, or a list of :class:`Parameter`.
 Priors = Sequence[Parameter] | Mapping[str, Any]
 #: Effects that are parameters: unit, ``(value without it, expected size, unit)``,
@@ -378,18 +387,49 @@ def sized(
     if not which:
         return tuple(effects), []
     record = max(records, key=lambda r: _motion(r, model.outputs))
-    base = _run(model, record, None, 0.0)
+    base = np.asarray(model.simulate(record, prior_jobs(model, record))[0])
     measured = record.output_array(model.outputs)
     spread = [float(np.std(y[np.isfinite(y)])) if np.isfinite(y).any() else 0.0 for y in measured.T]
     unit = np.where(np.array(spread) > 0.0, spread, np.maximum(np.std(base, axis=0), 1e-300))
     goal = min(max(_share(measured - base, unit), LEAST), MOST)
-    found, notes = [], []
-    for effect in effects:
-        if effect.name in which:
-            effect, note = _with_size(model, effect, record, base, unit, goal)
-            notes.append(note)
-        found.append(effect)
-    return tuple(found), notes
+    chosen = [e for e in effects if e.name in which]
+    found = _in_step(
+        model,
+        record,
+        [(e, _with_size(e, record, _first(model, e, record), base, unit, goal)) for e in chosen],
+    )
+    by_name = {e.name: e for e, _ in found}
+    return tuple(by_name.get(e.name, e) for e in effects), [note for _, note in found]
+
+
+#: The search for a size, which yields those of its runs and gets their outputs; None: a run failed.
+_Search = Generator[float, Array | None, V]
+
+
+def _in_step(
+    model: Model, record: Record, searches: Sequence[tuple[Effect, _Search[V]]]
+) -> list[V]:
+    """Results of searches; the runs of one step of all of them are one call of the model."""
+    results: dict[int, V] = {}
+    asked: dict[int, float] = {}
+
+    def advance(i: int, value: Array | None) -> None:
+        try:
+            asked[i] = searches[i][1].send(value)
+        except StopIteration as end:
+            results[i] = end.value
+
+    for i in range(len(searches)):
+        advance(i, None)
+    while asked:
+        batches = [
+            (record, prior_jobs(model, record, (Candidate(e, e.shapes[0]),), [size]))
+            for e, size in ((searches[i][0], size) for i, size in asked.items())
+        ]
+        waiting, asked = list(asked), {}
+        for i, run in zip(waiting, model.simulate_all(batches), strict=True):
+            advance(i, run[0] if np.isfinite(run[0]).all() else None)
+    return [results[i] for i in range(len(searches))]
 
 
 def _motion(record: Record, names: Sequence[str]) -> float:
@@ -402,12 +442,6 @@ def _share(change: Array, unit: Array) -> float:
     return float(np.sqrt(squares.mean(axis=0).max(initial=0.0)))
 
 
-def _run(model: Model, record: Record, effect: Effect | None, size: float) -> Array:
-    included = () if effect is None else (Candidate(effect, effect.shapes[0]),)
-    jobs = prior_jobs(model, record, included, [size] * len(included))
-    return np.asarray(model.simulate(record, jobs)[0])
-
-
 def _first(model: Model, effect: Effect, record: Record) -> float:
     """A size for the first trial: a tenth of an input or a parameter in the same unit."""
     sizes = [np.quantile(np.abs(v), 0.98) for n, v in record.inputs.items()
@@ -417,24 +451,19 @@ def _first(model: Model, effect: Effect, record: Record) -> float:
 
 
 def _with_size(
-    model: Model, effect: Effect, record: Record, base: Array, unit: Array, goal: float
-) -> tuple[Effect, str]:
+    effect: Effect, record: Record, first: float, base: Array, unit: Array, goal: float
+) -> _Search[tuple[Effect, str]]:
     low, high = effect.bounds
-
-    def changed(size: float) -> Array | None:
-        y = _run(model, record, effect, min(max(size, low), high))
-        return y if np.isfinite(y).all() else None
-
     side = 1.0 if high > 0.0 else -1.0
-    best, size = _search(changed, side, _first(model, effect, record), base, unit, goal)
+    best, size = yield from _search(effect, side, first, base, unit, goal)
     if best is None and low < 0.0 < high:
         side = -side
-        best, size = _search(changed, side, _first(model, effect, record), base, unit, goal)
+        best, size = yield from _search(effect, side, first, base, unit, goal)
     if best is None:
         return effect, f"{effect.name}: no size of it changes record {record.name}"
     why = ""
     if low < 0.0 < high:
-        other = changed(-side * size)
+        other = yield min(max(-side * size, low), high)
         if other is None or _share(other - base, unit) < NONE:
             why = "fails" if other is None else "has no influence"
         elif _share(other - best, unit) < NONE:
@@ -450,18 +479,19 @@ def _with_size(
 
 
 def _search(
-    changed: Callable[[float], Array | None],
+    effect: Effect,
     side: float,
     size: float,
     base: Array,
     unit: Array,
     goal: float,
-) -> tuple[Array | None, float]:
+) -> _Search[tuple[Array | None, float]]:
     """The size whose change is nearest to the goal, and the outputs with it."""
+    low, high = effect.bounds
     best: Array | None = None
     at, distance = 0.0, math.inf
     for _ in range(TRIALS):
-        y = changed(side * size)
+        y = yield min(max(side * size, low), high)
         share = math.nan if y is None else _share(y - base, unit)
         if y is not None and share > NONE:
             far = abs(math.log(share / goal))
