@@ -52,6 +52,11 @@ class Fitted:
         )
 
     @cached_property
+    def evidence_known(self) -> dict[tuple[int, bytes], tuple[Problem, float]]:
+        """Log evidence by problem and weights: most comparisons are made again in the next step."""
+        return {}
+
+    @cached_property
     def squares(self) -> Array:
         """Sum of the squared residuals by channel, (m,)."""
         return np.asarray(sum((x.residual**2).sum(axis=0) for x in self.linears))
@@ -317,6 +322,13 @@ def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     weight
         Weight of a sample by channel, (m,).
     """
+    key = id(problem), weight.tobytes()
+    if key not in fitted.evidence_known:
+        fitted.evidence_known[key] = problem, _log_evidence(problem, fitted, weight)
+    return fitted.evidence_known[key][1]
+
+
+def _log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     members, point = fitted.members, fitted.point
     left = problem.samples * np.log(fitted.noise) + 0.5 * fitted.squares / fitted.noise**2
     prior, x = prior_of(problem, members), point.x

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -366,6 +366,7 @@ def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
 NARROW, WIDE = 0.35, 1.2
 
 
+@lru_cache(maxsize=1000)
 def movable(effect: Effect) -> tuple[int, ...]:
     """Indices of the numbers of a shape that may take any value: (0,) if the shape is one number.
 
@@ -385,6 +386,7 @@ def movable(effect: Effect) -> tuple[int, ...]:
     return tuple(found)
 
 
+@lru_cache(maxsize=1000)
 def spread_of(effect: Effect, place: int) -> float:
     """Standard deviation of the prior of the logarithm of one number of a shape [1].
 
