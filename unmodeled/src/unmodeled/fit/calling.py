@@ -22,7 +22,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -32,7 +31,8 @@ from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.runs import StoredRuns
 
 
-class calling:
+@contextmanager
+def calling(what: str) -> Iterator[None]:
     """Turn an exception in the block into one message: ``with calling("model arm: its rates"):``.
 
     Raises
@@ -41,23 +41,12 @@ class calling:
         For any exception except :class:`~unmodeled.errors.Error`, whose messages are already
         complete.
     """
-
-    __slots__ = ("_what",)
-
-    def __init__(self, what: str):
-        self._what = what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if isinstance(error, Exception) and not isinstance(error, Error):
-            raise InvalidParameter(f"{self._what} raises {explained(error)}") from error
+    try:
+        yield
+    except Error:
+        raise
+    except Exception as error:
+        raise InvalidParameter(f"{what} raises {explained(error)}") from error
 
 
 def explained(error: Exception) -> str:
