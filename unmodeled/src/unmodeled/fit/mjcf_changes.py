@@ -208,13 +208,7 @@ TILT = {
 
 
 def properties(model: Any) -> dict[str, Property]:
-    """Numbers of a model by name, ``JOINT.damping``, with their values in the file.
-
-    Parameters
-    ----------
-    model
-        The compiled model.
-    """
+    """Numbers of a model by name, ``JOINT.damping``, with their values in the file."""
     out = {**_of_joints(model), **_of_actuators(model), **_of_bodies(model)}
     gravity = np.abs(model.opt.gravity)
     for name, kind in TILT.items():
@@ -304,17 +298,7 @@ def _of_bodies(model: Any) -> dict[str, Property]:
 
 
 def set_properties(model: Any, values: Mapping[str, float], known: Mapping[str, Property]) -> None:
-    """Set properties of a compiled model that differ from those of the file.
-
-    Parameters
-    ----------
-    model
-        Changed in place.
-    values
-        Values by name.
-    known
-        All properties of the file.
-    """
+    """Set properties, in place, of a compiled model that differ from those of the file."""
     places: dict[str, Array] = {}
     for name, value in values.items():
         owner, _, what = name.rpartition(".")
@@ -335,14 +319,7 @@ def set_properties(model: Any, values: Mapping[str, float], known: Mapping[str, 
 def add_backlash(spec: Any, model: Any, names: Sequence[str]) -> None:
     """Add a second joint behind each of these joints, which moves freely within its range.
 
-    Parameters
-    ----------
-    spec
-        Specification that is changed; its keyframes move with the joints.
-    model
-        The compiled model without them.
-    names
-        Names of joints.
+    ``model``: the compiled model without them. Keyframes move with the joints.
     """
     mj = import_mujoco()
     joints = [model.joint(n) for n in names]

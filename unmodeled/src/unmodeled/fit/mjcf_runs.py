@@ -118,12 +118,7 @@ def _bad() -> tuple[int, ...]:
 class Mjcf:
     """Function that runs an MJCF model.
 
-    Parameters
-    ----------
-    path
-        The file.
-    key, settle, hold
-        As for :func:`~unmodeled.fit.mujoco`.
+    ``key``, ``settle`` and ``hold`` are those of :func:`~unmodeled.fit.mujoco`.
     """
 
     def __init__(self, path: Path, key: str, settle: float, hold: str):
@@ -189,10 +184,7 @@ class Mjcf:
     def patched(self, values: Mapping[str, float]) -> Any:
         """The specification with these values of properties, ``JOINT.damping``; others stay.
 
-        Parameters
-        ----------
-        values
-            By name, also ``ACTUATOR.delay`` [s].
+        ``values``: also ``ACTUATOR.delay`` [s].
         """
         late = {n: v for n, v in values.items() if n.endswith(".delay")}
         changed = self._changed({n: v for n, v in values.items() if n not in late})
@@ -256,12 +248,7 @@ class Mjcf:
     def run_all(self, runs: Sequence[Run], workers: int | None = None) -> list[dict[str, Array]]:
         """Outputs of several runs; they do not depend on the number of threads.
 
-        Parameters
-        ----------
-        runs
-            The runs.
-        workers
-            Number of threads; None: number of cores.
+        ``workers``: number of threads; None: number of cores.
         """
         stop = threading.Event()
         changes = [self._changed(run.parameters) for run in runs]
@@ -353,13 +340,7 @@ class Mjcf:
             yield j, time.size - 1 if spans.size == 1 else 1, count, span / count
 
     def steps(self, span: float) -> int:
-        """Number of time steps in an interval [s]; they are not longer than that of the file.
-
-        Parameters
-        ----------
-        span
-            Duration of the interval [s].
-        """
+        """Number of time steps in an interval [s]; they are not longer than that of the file."""
         base = float(self.model.opt.timestep)
         count = max(1, round(span / base))
         if not 0.999 * span < count * base < 1.001 * span:

@@ -316,14 +316,8 @@ def check_shapes(
 ) -> None:
     """Check that arrays have a value for each parameter, state and included candidate of a model.
 
-    Parameters
-    ----------
-    model, included
-        The model, and the candidates that are part of it.
-    given
-        Arrays by what they hold: theta, start, magnitudes.
-    rows
-        Lengths of the axes before the last one.
+    ``given``: arrays by what they hold (theta, start, magnitudes); ``rows``: lengths of the axes
+    before the last one.
     """
     wanted = {
         "theta": [p.name for p in model.parameters],

@@ -108,15 +108,6 @@ def stated(
     where its attribute ``units``, by name, has another unit. Its attribute ``values`` has values
     that need not be stated, and ``limits`` has bounds, both in the units that it gets.
 
-    Parameters
-    ----------
-    function
-        Function of the model.
-    parameters, unknown, bounds
-        Short forms of a user.
-    model
-        Name of the model, for messages.
-
     Raises
     ------
     InvalidParameter
@@ -306,20 +297,7 @@ def sized(
 
     An effect that acts on one side only, or on both sides alike, gets a sign.
 
-    Parameters
-    ----------
-    model
-        Model with all channels.
-    effects
-        Effects of the model.
-    which
-        Names of those without a size.
-    records
-        Measured runs.
-
-    Returns
-    -------
-    The effects, and a note about each that got a size.
+    ``which``: names of those without a size. Also returns a note about each that got one.
     """
     if not which:
         return tuple(effects), []

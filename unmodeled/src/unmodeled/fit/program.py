@@ -60,13 +60,7 @@ class Program:
 
 
 class _Assembly:
-    """A program that is put together.
-
-    Parameters
-    ----------
-    states, signals, constants
-        Numbers of states, of signals, and of constants of a job.
-    """
+    """A program that is put together."""
 
     def __init__(self, states: int, signals: int, constants: int):
         self.counts = states, signals, constants

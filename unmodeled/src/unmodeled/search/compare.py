@@ -179,13 +179,7 @@ def _own_delay(ready: Ready, channels: Sequence[str]) -> tuple[float, str]:
 
 
 def compared(ready: Ready) -> Comparison:
-    """Compare a prepared model with its records; see :func:`check`.
-
-    Parameters
-    ----------
-    ready
-        Model and records, from :func:`~unmodeled.search.records.ready_records`.
-    """
+    """Compare a prepared model with its records; see :func:`check`."""
     model = ready.model
     runs = [(r, simulated(model, r)) for r in ready.records]
     rows = tuple(
@@ -200,11 +194,6 @@ def compared(ready: Ready) -> Comparison:
 
 def refuse(found: Comparison) -> None:
     """Refuse records with a certain error.
-
-    Parameters
-    ----------
-    found
-        Comparison of the model with the records.
 
     Raises
     ------
@@ -257,18 +246,7 @@ def simulated(
 
     A start state that is not known is the one that fits the beginning of the record best.
 
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    record
-        Measured run.
-    theta
-        Values of the parameters; None: the tabulated ones.
-    included
-        Effects that act.
-    magnitudes
-        Their magnitudes [their units].
+    Without ``theta``, the parameters have their tabulated values.
     """
     theta = np.array([p.value for p in model.parameters]) if theta is None else theta
     states = model.states(included)
@@ -345,14 +323,7 @@ def _unlike(measured: Array, outputs: Array) -> float:
 def row_of(record: Record, name: str, model: Array) -> Compared:
     """Numbers of one channel of a record beside the outputs of the model.
 
-    Parameters
-    ----------
-    record
-        Measured run.
-    name
-        Name of the channel.
-    model
-        Its values in the model at the times of the record.
+    ``model``: its values in the model at the times of the record.
     """
     measured, sensor = record.outputs[name], record.sensors[name]
     noise = noise_of_channel(record, name).sd_of_measured(record.time, measured)
@@ -461,17 +432,7 @@ _CLOCKS = (
 
 
 def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
-    """Hints about the differences; a certain one rests on parameters with small tolerances.
-
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    runs
-        Records, each with the outputs of the tabulated model.
-    rows
-        Channels of the records beside the model.
-    """
+    """Hints about the differences; a certain one rests on parameters with small tolerances."""
     if wraps := [*_wraps(runs)]:
         return tuple(wraps)
     size = _size_of_tolerances(model)

@@ -68,11 +68,6 @@ def effective_share(series: Sequence[Array]) -> float:
     1 / (1 + 2 max(a, b)): a, sum of the autocorrelations up to the first pair that is not positive
     (Geyer, Statistical Science 7, 1992, 473), for slow residuals; b, sum of their squares
     (Bartlett 1946), for narrow bands, where the autocorrelation changes its sign.
-
-    Parameters
-    ----------
-    series
-        Residuals, each (n,).
     """
     longest = max((len(x) for x in series), default=0)
     power = sum(float(x @ x) for x in series)
@@ -315,12 +310,7 @@ def best_of(problem: Problem, sets: Sequence[Fitted]) -> Fitted:
 def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     """Log evidence of a fitted set and its prior odds, up to a constant of the records.
 
-    Parameters
-    ----------
-    problem, fitted
-        The problem and the set.
-    weight
-        Weight of a sample by channel, (m,).
+    ``weight``: that of a sample by channel, (m,).
     """
     key = id(problem), weight.tobytes()
     if key not in fitted.evidence_known:
