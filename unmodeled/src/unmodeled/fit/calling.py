@@ -361,7 +361,7 @@ class Runner:
         InvalidParameter
             The function fails.
         """
-        self.checked([run])  # the first call includes imports and tables of the function
+        self.values([run], must=True)  # the first call includes imports and tables of the function
         repeated = replace(run, repeated=True)
         known = self._recalled([repeated])
         if known[0] is not None:  # whoever keeps runs has long ones
@@ -373,22 +373,6 @@ class Runner:
             raise InvalidParameter(f"model {self._name}: its function raises {again} ({run})")
         return clock.perf_counter() - tick, again
 
-    def checked(self, runs: Sequence[Run]) -> None:
-        """Compute runs that must succeed.
-
-        Raises
-        ------
-        InvalidParameter
-            A run failed; the message names the first such run and its fault.
-        """
-        runs = [run for run in runs if self._kept.find(run.key) is None]
-        for run, found in zip(runs, self._make(runs), strict=True):
-            if isinstance(found, str):
-                raise InvalidParameter(f"model {self._name}: its function raises {found} ({run})")
-            if fault := self._undefined(run, found):
-                raise InvalidParameter(f"model {self._name}: its function {fault} ({run})")
-            self._kept.keep(run.key, found)
-
     @contextmanager
     def trying(self) -> Iterator[None]:
         """A block in which a failed run is no news."""
@@ -398,22 +382,27 @@ class Runner:
         finally:
             self._failed = before
 
-    def values(self, runs: Sequence[Run]) -> list[Array]:
-        """Outputs of runs, (n, ny) each; NaN if the function fails."""
+    def values(self, runs: Sequence[Run], must: bool = False) -> list[Array]:
+        """Outputs of runs, (n, ny) each; NaN if the function fails.
+
+        Raises
+        ------
+        InvalidParameter
+            A run that ``must`` succeed failed; the message names the first such run and its fault.
+        """
         keys = [run.key for run in runs]
         known = {k: self._kept.find(k) for k in keys}
         found = {k: values for k, values in known.items() if values is not None}
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
+            text = f"model {self._name}: its function {fault} ({run})"
+            if fault and must:
+                raise InvalidParameter(text)
             if fault and not self._failed:
                 self._failed = True
-                warnings.warn(
-                    f"model {self._name}: its function {fault} ({run}); this trial, and others "
-                    "like it, count as failed",
-                    RuntimeWarning,
-                    stacklevel=2,
-                )
+                text += "; this trial, and others like it, count as failed"
+                warnings.warn(text, RuntimeWarning, stacklevel=2)
             if isinstance(got, str):
                 got = np.full((len(run.time), len(self._outputs)), np.nan)
             found[key] = got

@@ -305,7 +305,7 @@ class Simulator(Model):
         workers = self._means.workers
         if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
             runner.start()
-        runner.checked([Run.of(r, self.inputs, prior) for r in records])
+        runner.values([Run.of(r, self.inputs, prior) for r in records], must=True)
         out = copy.copy(self)
         with runner.trying():
             out.effects, sizes = sized(self, self.effects, self._unsized, records)
