@@ -119,6 +119,7 @@ def read_measured(
         All faults of the file in one message: unknown names, then those of each table. The table of
         an unknown name is not checked, because the unit of its numbers is unknown.
     """
+    path = Path(path)
     raw = read_toml(path)
     tables = raw.get("measured")
     rows = tables.items() if isinstance(tables, dict) else ()
@@ -142,7 +143,7 @@ def read_measured(
     except ValidationError as error:
         faults += fault_lines(error, _MeasuredFile)
     if faults:
-        raise DataError(fault_text(Path(path).name, faults))
+        raise DataError(fault_text(path.name, faults))
     return tuple(out)
 
 

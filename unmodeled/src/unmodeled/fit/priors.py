@@ -218,12 +218,13 @@ class _Reader:
         A value None is that of the function, or 0.
         """
         if isinstance(item, Exposed):
-            item = self._converted(name, item, _OF_EXPOSED)
-            self.neutral[name] = item.neutral
-            return item.effect(name)
+            own: Exposed = self._converted(name, item, _OF_EXPOSED)
+            self.neutral[name] = own.neutral
+            return own.effect(name)
         if isinstance(item, Effect):
             self.neutral[name] = 0.0
-            return replace(self._converted(name, item, _OF_EFFECT), data=name)
+            effect: Effect = self._converted(name, item, _OF_EFFECT)
+            return replace(effect, data=name)
         parts = (None, 0.0, item) if isinstance(item, str) else item
         parts = tuple(parts) if isinstance(parts, list | tuple) else ()
         right = len(parts) == 3 and _numbers(parts[parts[0] is None : 2])

@@ -204,12 +204,8 @@ class _Builder:
         rate = [a.total(r) if r else a.constant(0.0) for r in self.rate]
         output, by_state, by_column = self._outputs(own, at, rate)
         derived = self.by_state if self.kind.derivatives or self.kind.implicit else {}
-        matrices = {
-            "by_state": a.entries(derived, "rates"),
-            "by_column": a.entries(self.by_column, "rates"),
-            "output_by_state": a.entries(by_state, "shown"),
-            "output_by_column": a.entries(by_column, "shown"),
-        }
+        state, column = a.entries(derived, "rates"), a.entries(self.by_column, "rates")
+        shown = a.entries(by_state, "shown"), a.entries(by_column, "shown")
         states, signals, constants = a.counts
         return Program(
             states=states,
@@ -225,8 +221,11 @@ class _Builder:
             tables=tuple(a.tables),
             rate=np.array(rate, dtype=np.int32),
             output=np.array(output, dtype=np.int32),
+            by_state=state,
+            by_column=column,
+            output_by_state=shown[0],
+            output_by_column=shown[1],
             blocks=self.blocks,
-            **matrices,
         )
 
     def _registers(self, rows: Mapping[str, int]) -> dict[Key, int]:
