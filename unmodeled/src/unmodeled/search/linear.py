@@ -85,6 +85,17 @@ class Linear:
         by_channel = np.moveaxis(columns, 1, 0)
         return np.asarray(np.swapaxes(by_channel, 1, 2) @ by_channel)
 
+    @cached_property
+    def spectra(self) -> dict[int, Array]:
+        """Power of the residual by frequency and channel, by the length of the transform."""
+        return {}
+
+    def spectrum(self, length: int) -> Array:
+        """Power of the residual by frequency and channel, (k, m)."""
+        if length not in self.spectra:
+            self.spectra[length] = np.abs(np.fft.rfft(self.residual, length, axis=0)) ** 2
+        return self.spectra[length]
+
     @property
     def failed(self) -> bool:
         """Whether the simulation has failed."""
