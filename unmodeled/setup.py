@@ -18,7 +18,7 @@ FIT = HERE / "src" / "unmodeled" / "fit"
 
 def builder():
     """The module that compiles, loaded without the package and what it needs."""
-    spec = importlib.util.spec_from_file_location("build_tape", FIT / "build_tape.py")
+    spec = importlib.util.spec_from_file_location("compile", FIT / "compile.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -36,7 +36,7 @@ class BuildWithTape(build_py):
         if os.environ.get("UNMODELED_PURE"):
             return
         try:
-            builder().compile_tape(FIT / "tape.cpp", folder)
+            builder().build(folder)
         except RuntimeError as fault:
             self.announce(f"unmodeled runs without its extension: {fault}", level=3)
 

@@ -47,19 +47,19 @@ def _compile_extension():
     """Compile the integrator of equations if it is missing or old, and there is a compiler."""
     import warnings
 
-    from unmodeled.errors import InvalidParameter
     from unmodeled.fit import compile, compiled
 
     if os.environ.get(compiled.OFF):
         return
-    made = compiled.SOURCE.with_name(compiled.NAME)
+    made = compile.SOURCE.with_name(compile.NAME)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of an old one
         old = compiled.library() is None
-    if old or made.stat().st_mtime < compiled.SOURCE.stat().st_mtime:
+    if old or made.stat().st_mtime < compile.SOURCE.stat().st_mtime:
         try:
             compile.build()
-        except (InvalidParameter, OSError) as error:
+            compiled.library.cache_clear()
+        except (RuntimeError, OSError) as error:
             print(f"the integrator of equations runs in NumPy: {error}")
 
 

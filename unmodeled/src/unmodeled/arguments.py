@@ -389,11 +389,20 @@ def _mapping(kinds: list[_Kind | None]) -> _Kind:
             raise _Refused(where, value, "a mapping")
         if key is None and item is None:
             return value
-        for name, inner in list(value.items()):  # another thread may add to it
-            if key is not None:
-                key.check(name, f"{where}: key")
-            if item is not None:
-                item.check(inner, f"{where}[{shown(name)}]")
+        pairs = list(value.items())  # another thread may add to it
+        try:
+            for name, inner in pairs:
+                if key is not None:
+                    key.check(name, where)
+                if item is not None:
+                    item.check(inner, where)
+        except _Refused:
+            for name, inner in pairs:  # which of them
+                if key is not None:
+                    key.check(name, f"{where}: key")
+                if item is not None:
+                    item.check(inner, f"{where}[{shown(name)}]")
+            raise
         return value
 
     return _Kind("a mapping", check)
@@ -418,10 +427,14 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
             raise _Refused(where, value, text)
         elif any(kinds):
             each = kinds if fixed else kinds * len(items)
-            after = [
-                inner if kind is None else kind.check(inner, f"{where}[{i}]")
-                for i, (inner, kind) in enumerate(zip(items, each, strict=False))
-            ]
+            pairs = [*zip(items, each, strict=False)]
+            try:
+                after = [v if kind is None else kind.check(v, where) for v, kind in pairs]
+            except _Refused:
+                for i, (inner, kind) in enumerate(pairs):  # which of them
+                    if kind is not None:
+                        kind.check(inner, f"{where}[{i}]")
+                raise
             # A list to which the function appends results remains the caller's.
             same = all(new is old for new, old in zip(after, items, strict=False))
             items = items if same and isinstance(items, list) else after

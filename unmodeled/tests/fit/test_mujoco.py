@@ -337,9 +337,7 @@ def test_runs_on_threads_are_those_alone(parts, monkeypatch):
         for clock_ in (time, uneven)
     ]
     monkeypatch.setattr(mjcf_runs, "WORTH_A_THREAD", 1)
-    parts.mjcf.workers = 3
-    together = parts.mjcf.run_all(runs)
-    parts.mjcf.workers = 1
+    together = parts.mjcf.run_all(runs, 3)
     for run, seen in zip(runs, together, strict=True):
         alone = parts.mjcf(run.time, run.inputs, run.parameters)
         assert all(np.array_equal(seen[n], alone[n]) for n in alone)

@@ -4,6 +4,7 @@ import shutil
 import tempfile
 import tomllib
 import zipfile
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import pytest
 import unmodeled
 from unmodeled import Exposed, Options, Parameter, Record, Sensor
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit.authoring import Jobs
+from unmodeled.fit.authoring import Candidate, Jobs, SensitivityRequest
 
 from . import units
 
@@ -129,6 +130,64 @@ def test_a_run_of_an_fmu_does_not_depend_on_those_before(fmu):
     alone = last(cart(fmu), one)
     assert np.array_equal(last(cart(fmu), other, one), alone)
     assert not np.array_equal(last(cart(fmu), other), alone)
+
+
+@pytest.fixture(scope="module")
+def fragile(tmp_path_factory):
+    """A cart that ends its process if its damping is above 50, and exists once in a process."""
+    source = SOURCE.replace(
+        "    double* z = calloc", "    if (alive++) return 0;\n    double* z = calloc"
+    ).replace("{ free(c); }", "{ alive--; free(c); }")
+    source = source.replace("double* z = c; int n", "double* z = c; if (z[D] > 50) _Exit(7); int n")
+    source = source.replace("C fmi2Instantiate", "static int alive = 0;\nC fmi2Instantiate")
+    once = 'modelIdentifier="cart" canBeInstantiatedOnlyOncePerProcess="true"'
+    description = DESCRIPTION.replace('modelIdentifier="cart"', once)
+    return units.compile_fmu(tmp_path_factory.mktemp("fragile"), "cart", description, source)
+
+
+def pushed(size=1.0):
+    time = np.arange(60) * 1e-2
+    force = size * np.sin(9.0 * time)
+    sensors = {"x": Sensor(name="x", unit="m", sigma=1e-4)}
+    noise = 1e-4 * np.random.default_rng(0).standard_normal(60)
+    seen = {"x": size * 0.01 * np.sin(9.0 * time) ** 2 + noise}
+    return Record(
+        name=f"{size:g}", time=time, inputs={"force": force}, outputs=seen, sensors=sensors
+    )
+
+
+@pytest.mark.parametrize("path", ["fmu", "fragile"])
+def test_a_step_of_an_fmu_is_the_same_on_processes_and_threads(request, path):
+    """Equal bytes, and every run once; an FMU that exists once in a process runs alone."""
+    path, records = request.getfixturevalue(path), [pushed(1.0), pushed(2.0)]
+    point = np.array([2.1, 41.0, 1.1])
+
+    def step(executor=None, **fields):
+        model = cart(path, **fields).running(executor=executor).ready(records).model
+        before, (dry,) = model.simulations, model.effects
+        asks = [
+            SensitivityRequest(r, point, np.zeros(0), candidates=(Candidate(dry),)) for r in records
+        ]
+        found = [model.sensitivities(asks) for _ in range(2)][1]
+        columns = [(s.outputs, s.d_theta, s.d_candidates) for s in found]
+        # The point, and one or two runs for each parameter and for the friction.
+        assert 2 * 5 <= model.simulations - before <= 2 * 9
+        return [c.tobytes() for s in columns for c in s], model.simulations
+
+    alone = step(workers=1)
+    assert step(workers=2) == alone
+    with ThreadPoolExecutor(2) as pool:
+        assert step(pool) == alone
+
+
+@pytest.mark.parametrize("dampings", [[51.0], [1.0, 51.0]])
+def test_a_process_that_ends_is_one_message(fragile, dampings):
+    """A trial ends its process, alone or with others: this process goes on."""
+    model = cart(fragile, workers=2).ready([pushed()]).model
+    thetas = np.array([[2.0, 40.0, d] for d in dampings])
+    told = r"cart: a process of its function ended without .*, d = .*workers=1 runs it in this"
+    with pytest.raises(InvalidParameter, match=told):
+        model.simulate(pushed(), Jobs(theta=thetas, starts=np.zeros((len(dampings), 0))))
 
 
 @pytest.fixture(scope="module")

@@ -136,6 +136,25 @@ def test_eight_workers_share_the_runs_of_22_causes(forgotten):
     assert (batches.rounds + single) < whole / 5, (batches.rounds, single, whole)
 
 
+def test_the_sizes_of_22_causes_are_found_together(forgotten):
+    """Trials of all causes are one batch after the other, however many causes there are."""
+    unsized = {name: "m" for name in CAUSES}
+    alone = model(unknown=unsized).ready(forgotten)
+    batches = Batches()
+    shared = model(unknown=unsized).running(executor=batches).ready(forgotten)
+    assert shared.notes == alone.notes
+    assert [e.scale for e in shared.model.effects] == [e.scale for e in alone.model.effects]
+    single = shared.model.simulations - batches.runs
+    assert batches.rounds + single < len(MADE) / 4, (batches.rounds, single)
+
+
+def test_the_run_that_finds_the_channels_is_not_made_again(forgotten):
+    """Only the first run is made twice, to see whether it returns the same again."""
+    found = model(inputs=None, outputs=None).matched(forgotten).model.ready(forgotten).model
+    assert (found.inputs, found.outputs) == (("u",), ("y",))
+    assert sorted(MADE.values())[-2:] == [1, 2]
+
+
 def test_threads_of_an_executor_make_the_runs(forgotten):
     alone = told(fit_model(model(), forgotten))
     THREADS.clear()

@@ -529,9 +529,9 @@ def test_an_extension_of_another_version_is_told(extension, monkeypatch):
 
 def test_a_compiler_that_fails_is_told(monkeypatch, tmp_path):
     monkeypatch.setenv("CXX", "false")
-    with pytest.raises(InvalidParameter, match=r"^false -O3 .* fails"):
+    with pytest.raises(RuntimeError, match=r"^false -O3 .* fails"):
         compile.build(tmp_path)
     monkeypatch.delenv("CXX")
     monkeypatch.setattr("shutil.which", lambda _: None)
-    with pytest.raises(InvalidParameter, match="no C\\+\\+ compiler: got neither CXX nor c\\+\\+"):
+    with pytest.raises(RuntimeError, match="no C\\+\\+ compiler: got neither CXX nor c\\+\\+"):
         compile.build(tmp_path)

@@ -200,13 +200,14 @@ def through(
     outputs, columns
         Outputs, (n, ny), and their derivatives, (n, ny, k).
     """
+    parts = [columns]
     for link, size, shape in links:
         by_size = link.by_size(run, outputs, size, shape)
         if size != 0.0:
-            columns = link.push(run, outputs, size, shape, columns)
+            parts = [link.push(run, outputs, size, shape, np.concatenate(parts, axis=2))]
             outputs = link(run, outputs[None], np.array([size]), shape)[0]
-        columns = np.concatenate([columns, by_size[..., None]], axis=2)
-    return outputs, columns
+        parts.append(by_size[..., None])
+    return outputs, np.concatenate(parts, axis=2)
 
 
 def true_value(run: Run, reading: Array, known: Mapping[str, float], shape: Any = None) -> Array:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from unmodeled.data.formats import add_block, read_frame, read_messages
+from unmodeled.data.formats import add_block, read_frame, read_messages, reading
 from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, workbook_lines
 from unmodeled.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from unmodeled.data.tables import read_number, read_table, text_lines
@@ -135,7 +135,7 @@ def _read_mat(path: Path) -> Columns:
     from scipy.io import loadmat, whosmat
 
     columns = Columns()
-    try:
+    with reading(path, "MAT"):
         _check_elements(data)
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # for example two arrays with the same name
@@ -152,9 +152,6 @@ def _read_mat(path: Path) -> Columns:
             for name in content.keys() & set(wanted):
                 values = np.asarray(content[name], dtype=np.float64).ravel()
                 columns.values[plain_text(name)] = values
-    except Exception as error:  # scipy documents no set of exceptions for damaged files
-        reason = shortened(plain_text(str(error) or type(error).__name__), 200)
-        raise DataError(f"{path}: cannot be read as MAT: {reason}") from None
     if total > MOST_NUMBERS:
         raise DataError(f"{path}: {total} numbers; {limit_text()}")
     return columns

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from unmodeled.data.tables import read_number
 from unmodeled.errors import DataError
 from unmodeled.files import LARGEST_TABLE, is_file, plain_text, read_input, read_json
 from unmodeled.units import split_column
+from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,12 +28,27 @@ _COUNTERS = ("frame_index", "index", "task_index")
 MOST_COLUMNS = 256
 
 
-def needs(path: Path, package: str, extra: str) -> DataError:
-    """The error of a file for which a package is missing."""
-    return DataError(
-        f"{path}: to read {path.suffix}, the package {package} is needed: pip install {package} "
-        f"(extra {extra!r} of unmodeled)"
-    )
+@contextmanager
+def reading(path: Path, kind: str, package: str = "", extra: str = "") -> Iterator[None]:
+    """A block in which a package reads a file.
+
+    Raises
+    ------
+    DataError
+        The package is missing, or raises any exception: none documents those of damaged files.
+    """
+    try:
+        yield
+    except DataError:
+        raise
+    except ImportError:
+        raise DataError(
+            f"{path}: to read {path.suffix}, the package {package} is needed: pip install {package}"
+            f" (extra {extra!r} of unmodeled)"
+        ) from None
+    except Exception as error:
+        reason = shortened(plain_text(str(error) or type(error).__name__), 200)
+        raise DataError(f"{path}: cannot be read as {kind}: {reason}") from None
 
 
 def add_block(
@@ -60,12 +77,8 @@ def read_frame(path: Path) -> Columns:
 
     read = pd.read_feather if path.suffix.lower() == ".feather" else pd.read_parquet
     data = io.BytesIO(read_input(path, most=LARGEST_TABLE))
-    try:
+    with reading(path, path.suffix[1:], "pyarrow", "parquet"):
         frame = read(data)
-    except ImportError:
-        raise needs(path, "pyarrow", "parquet") from None
-    except Exception as error:  # pandas documents no set of exceptions for damaged files
-        raise DataError(f"{path}: cannot be read as {path.suffix[1:]}: {error}") from None
     if frame.size > MOST_NUMBERS:
         raise DataError(f"{path}: {frame.size} numbers; {limit_text()}")
     try:
@@ -168,16 +181,12 @@ def read_messages(path: Path) -> Columns:
     The clock is the log time from the first message. Topics are interpolated to the times of the
     topic with the most messages.
     """
-    try:
-        from mcap.exceptions import McapError
-        from mcap.reader import make_reader
-    except ImportError:
-        raise needs(path, "mcap", "mcap") from None
-
     columns = Columns()
     seen: dict[str, tuple[list[int], list[dict[str, float]]]] = {}
     count = 0
-    try:
+    with reading(path, "MCAP", "mcap", "mcap"):
+        from mcap.reader import make_reader
+
         reader = make_reader(io.BytesIO(read_input(path, most=LARGEST_TABLE)))
         for schema, channel, message in reader.iter_messages():
             topic = plain_text(channel.topic.strip("/"))
@@ -192,10 +201,6 @@ def read_messages(path: Path) -> Columns:
             times, rows = seen.setdefault(topic, ([], []))
             times.append(message.log_time)
             rows.append(values)
-    except DataError:
-        raise
-    except (McapError, ValueError, KeyError, EOFError, OverflowError) as error:
-        raise DataError(f"{path}: cannot be read as MCAP: {error}") from None
     _merge(columns, seen)
     return columns
 
@@ -209,10 +214,8 @@ def _decoder(path: Path, encoding: str, schema: Any) -> Any:
         return json.loads
     if encoding != "cdr" or schema is None or schema.encoding != "ros2msg":
         return None
-    try:
+    with reading(path, "MCAP", "mcap-ros2-support", "mcap"):
         from mcap_ros2.decoder import DecoderFactory
-    except ImportError:
-        raise needs(path, "mcap-ros2-support", "mcap") from None
     key = schema.name, schema.data
     if key not in _decoders:
         _decoders[key] = DecoderFactory().decoder_for(encoding, schema)

@@ -116,12 +116,7 @@ def as_frame(given: Any, what: str) -> pd.DataFrame:
 
     Levels of headings are joined by a point; named levels of an index become columns.
 
-    Parameters
-    ----------
-    given
-        DataFrame of pandas or polars, table of PyArrow, data set of xarray, or arrays by name.
-    what
-        Name for messages.
+    ``what``: name for messages.
 
     Raises
     ------

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from unmodeled.data.formats import needs
+from unmodeled.data.formats import reading
 from unmodeled.data.series import MOST_NUMBERS, Columns, limit_text
 from unmodeled.data.tables import Lines, Table, plain_name, read_number, style_of
 from unmodeled.errors import DataError, InvalidParameter
@@ -139,13 +139,11 @@ def without_monitor(lines: Lines) -> Lines:
 
 def workbook_lines(path: Path) -> tuple[Lines, list[str]]:
     """Rows of the sheet of a workbook with the most numbers, as lines; notes about other sheets."""
-    try:
-        from openpyxl import load_workbook
-    except ImportError:
-        raise needs(path, "openpyxl", "instruments") from None
     data = read_input(path, most=LARGEST_TABLE)
     sheets: dict[str, tuple[int, list[str], list[int]]] = {}
-    try:
+    with reading(path, "a workbook", "openpyxl", "instruments"):
+        from openpyxl import load_workbook
+
         with zipfile.ZipFile(io.BytesIO(data)) as packed:
             size = sum(item.file_size for item in packed.infolist())
         if size > LARGEST_BOOK:
@@ -155,11 +153,6 @@ def workbook_lines(path: Path) -> tuple[Lines, list[str]]:
         for sheet in book.worksheets:
             sheet.reset_dimensions()
             sheets[sheet.title] = _sheet_lines(path, sheet.iter_rows(values_only=True), count)
-    except DataError:
-        raise
-    except Exception as error:  # openpyxl documents no set of exceptions for damaged files
-        reason = shortened(plain_text(str(error) or type(error).__name__), 200)
-        raise DataError(f"{path}: cannot be read as a workbook: {reason}") from None
     if not sheets:
         raise DataError(f"{path}: has no sheet of cells")
     chosen = max(sheets, key=lambda name: sheets[name][0])
@@ -195,13 +188,11 @@ def _sheet_lines(
 
 def read_tdms(path: Path) -> Columns:
     """Channels of a TDMS file; the clock is a channel, or has the increment of the waveforms."""
-    try:
-        from nptdms import TdmsFile
-    except ImportError:
-        raise needs(path, "npTDMS", "instruments") from None
     columns = Columns(source="TDMS")
     steps: dict[str, tuple[float, float]] = {}
-    try:
+    with reading(path, "TDMS", "npTDMS", "instruments"):
+        from nptdms import TdmsFile
+
         with TdmsFile.open(io.BytesIO(read_input(path, most=LARGEST_TABLE))) as file:
             channels = [c for group in file.groups() for c in group.channels()]
             if sum(len(c) for c in channels) > MOST_NUMBERS:
@@ -223,11 +214,6 @@ def read_tdms(path: Path) -> Columns:
                     steps |= {name: (start, step)} if step > 0.0 else {}
                 else:
                     columns.left_out[name] = "no numbers"
-    except DataError:
-        raise
-    except Exception as error:  # npTDMS documents no set of exceptions for damaged files
-        reason = shortened(plain_text(str(error) or type(error).__name__), 200)
-        raise DataError(f"{path}: cannot be read as TDMS: {reason}") from None
     columns.only_longest()
     clocks = {steps[n] for n in columns.values if n in steps}
     if not columns.called("time") and len(clocks) == 1:

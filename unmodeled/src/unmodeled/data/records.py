@@ -178,7 +178,8 @@ def evenly_spaced(time: Array) -> bool:
         Times [s], (n,), increasing.
     """
     steps = np.diff(time)
-    return bool(np.allclose(steps, np.median(steps), rtol=1e-6, atol=0.0))
+    middle = np.median(steps)
+    return bool(np.all(np.abs(steps - middle) <= 1e-6 * abs(middle)))
 
 
 def _missing(name: str, column: Array, time: Array) -> str:

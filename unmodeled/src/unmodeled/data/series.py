@@ -198,14 +198,8 @@ class Columns:
     def add_cells(self, name: str, values: Array, words: Mapping[int, str], unit: str) -> bool:
         """Add a column of cells; False: it is text, because most of its cells are no numbers.
 
-        Parameters
-        ----------
-        name, unit
-            Name and stated unit.
-        values
-            Numbers of the cells; NaN: missing, or no number.
-        words
-            Cells that are no numbers, by row.
+        ``values``: numbers of the cells, NaN where there is none; ``words``: cells that are no
+        numbers, by row.
         """
         if len(words) > np.sum(np.isfinite(values)):
             texts = [words.get(i, "") for i in range(len(values))]

@@ -162,17 +162,8 @@ class ReadOptions:
 
     def top(self) -> dict[str, Any]:
         """Keys of the TOML file that are replaced."""
-        found: dict[str, Any] = {}
-        if self.frame_rate is not None:
-            found["frame_rate"] = self.frame_rate
-        if self.likelihood is not None:
-            found["likelihood"] = self.likelihood
-        if self.missing:
-            found["missing"] = tuple(self.missing)
-        if self.run:
-            found["run"] = self.run
-        if "time" in self.columns:
-            found["time"] = self.columns["time"]
-        if "time" in self.units:
-            found["time_unit"] = self.units["time"]
-        return found
+        known = {"frame_rate": self.frame_rate, "likelihood": self.likelihood}
+        given = {k: v for k, v in known.items() if v is not None}
+        texts = {"run": self.run, "time": self.columns.get("time"),
+                 "time_unit": self.units.get("time"), "missing": tuple(self.missing)}  # fmt: skip
+        return given | {k: v for k, v in texts.items() if v}

@@ -75,15 +75,7 @@ def sketch_sheet(
 
 
 def _other_file(path: Path, sheet: Sheet, columns: Columns, signals: Signals) -> str:
-    """Sentence about the file that is joined to one without inputs or without outputs of the model.
-
-    Parameters
-    ----------
-    path, sheet, columns
-        The measured file, how it is read, and its columns.
-    signals
-        Signals of the model.
-    """
+    """Sentence about the other file that is joined to one without inputs or without outputs."""
     specs = {**sheet.inputs, **sheet.outputs}
     names = [n for n, spec in specs.items() if columns.find(spec.column or n)]
     needs = signals.inputs or signals.modes

@@ -54,12 +54,7 @@ def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:
     Only the first quarter of the samples within the noise is averaged, because a motion that starts
     slowly has hardly moved then.
 
-    Parameters
-    ----------
-    values
-        The record; NaN is missing.
-    noise
-        Standard deviation of its noise; default: estimated.
+    NaN is missing. ``noise``: its standard deviation; default: estimated.
     """
     import numpy as np
 

@@ -70,12 +70,8 @@ class _Tracks:
         forces: Array | None = None,
     ) -> int:
         """Place of the signals of a record, with changes of inputs or unknown forces."""
-        further = [
-            column
-            for change in changes
-            for n in self.names(change)
-            for column in self.between(record, np.asarray(change[n]))
-        ]
+        changed = [change[n] for change in changes for n in self.names(change)]
+        further = self.between(record, changed)
         if forces is not None:
             further += self._forces(record, forces)
         if not further and record in self._places:
@@ -84,10 +80,8 @@ class _Tracks:
         key = system.hold, system.substeps, system.inputs
         held = self.known.setdefault(record, {})
         if key not in held:
-            held[key] = self._stacked(
-                record,
-                [v for n in system.inputs for v in self.between(record, record.inputs[n])],
-            )
+            signals = [record.inputs[n] for n in system.inputs]
+            held[key] = self._stacked(record, self.between(record, signals))
         own = held[key]
         if further:
             own = np.concatenate([own, self._stacked(record, further)], axis=-1)
@@ -105,20 +99,25 @@ class _Tracks:
         """Inputs of the model that a change changes."""
         return tuple(n for n in self.system.inputs if n in change)
 
-    def between(self, record: Record, values: Array) -> list[Array]:
-        """A signal after each sample, (n, halves); its part by a spline apart if it is one."""
+    def between(self, record: Record, signals: Sequence[Array]) -> list[Array]:
+        """Signals after each sample, (n, halves); each part by a spline apart if it is one."""
         hold, share = self.system.hold, self.shares
-        following = np.append(values[1:], values[-1:])
-        out = values[:, None] + 0.0 * share
+        if not signals:
+            return []
+        values = np.array(signals)
+        following = np.append(values[:, 1:], values[:, -1:], axis=1)
+        out = values[..., None] + 0.0 * share
         if hold != "zero":
-            out += share * (following - values)[:, None]
+            out += share * (following - values)[..., None]
         if hold not in ("spline", "between"):
-            return [out]
-        bends = Spline(record.time, values[None])(record.time, 2)[0]
-        ahead, rest = np.append(bends[1:], bends[-1:]), 1.0 - share
+            return [*out]
+        bends = Spline(record.time, values)(record.time, 2)
+        ahead, rest = np.append(bends[:, 1:], bends[:, -1:], axis=1)[..., None], 1.0 - share
         square = np.append(np.diff(record.time), 0.0)[:, None] ** 2 / 6.0
-        bent = square * ((rest**3 - rest) * bends[:, None] + (share**3 - share) * ahead[:, None])
-        return [out, bent] if hold == "between" else [out + bent]
+        bent = square * ((rest**3 - rest) * bends[..., None] + (share**3 - share) * ahead)
+        if hold == "spline":
+            return [*(out + bent)]
+        return [part for pair in zip(out, bent, strict=True) for part in pair]
 
     def _forces(self, record: Record, forces: Array) -> list[Array]:
         """Unknown forces, (ports, knots), after each sample."""

@@ -22,7 +22,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -32,7 +31,8 @@ from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.runs import StoredRuns
 
 
-class calling:
+@contextmanager
+def calling(what: str) -> Iterator[None]:
     """Turn an exception in the block into one message: ``with calling("model arm: its rates"):``.
 
     Raises
@@ -41,23 +41,12 @@ class calling:
         For any exception except :class:`~unmodeled.errors.Error`, whose messages are already
         complete.
     """
-
-    __slots__ = ("_what",)
-
-    def __init__(self, what: str):
-        self._what = what
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if isinstance(error, Exception) and not isinstance(error, Error):
-            raise InvalidParameter(f"{self._what} raises {explained(error)}") from error
+    try:
+        yield
+    except Error:
+        raise
+    except Exception as error:
+        raise InvalidParameter(f"{what} raises {explained(error)}") from error
 
 
 def explained(error: Exception) -> str:
@@ -281,8 +270,8 @@ class Means:
 class Runner:
     """Computes runs and caches the results.
 
-    A function with a method ``run_all(runs)`` computes several runs at once, unless there is an
-    executor.
+    A function with a method ``run_all(runs, workers)`` computes several runs at once, unless there
+    is an executor.
     """
 
     def __init__(
@@ -292,6 +281,7 @@ class Runner:
         self._outputs = outputs
         self._name = name
         self._kept: Latest[bytes, Array] = Latest(KEPT, lambda values: values.size)
+        self._workers = means.workers
         self._pool: Any = means.executor
         self._task: Callable[..., Array | str] = _work
         if self._pool is not None:
@@ -324,11 +314,11 @@ class Runner:
                 "module that uses nothing open (file, lock, connection): let it open that itself"
             ) from None
 
-    def start(self, workers: int | None) -> None:
+    def start(self) -> None:
         """Start processes, before there are threads."""
         if self._pool is not None or hasattr(self._function, "run_all"):
             return
-        count = workers or cores()
+        count = self._workers or cores()
         if count == 1:
             return
         given: Function | bytes = self._function
@@ -371,32 +361,17 @@ class Runner:
         InvalidParameter
             The function fails.
         """
-        self.checked([run])  # the first call includes imports and tables of the function
+        self.values([run], must=True)  # the first call includes imports and tables of the function
         repeated = replace(run, repeated=True)
         known = self._recalled([repeated])
         if known[0] is not None:  # whoever keeps runs has long ones
             return math.inf, known[0]
         tick = clock.perf_counter()
         again = self._one(repeated)
+        self.made += 1
         if isinstance(again, str):
             raise InvalidParameter(f"model {self._name}: its function raises {again} ({run})")
         return clock.perf_counter() - tick, again
-
-    def checked(self, runs: Sequence[Run]) -> None:
-        """Compute runs that must succeed.
-
-        Raises
-        ------
-        InvalidParameter
-            A run failed; the message names the first such run and its fault.
-        """
-        runs = [run for run in runs if self._kept.find(run.key) is None]
-        for run, found in zip(runs, self._make(runs), strict=True):
-            if isinstance(found, str):
-                raise InvalidParameter(f"model {self._name}: its function raises {found} ({run})")
-            if fault := self._undefined(run, found):
-                raise InvalidParameter(f"model {self._name}: its function {fault} ({run})")
-            self._kept.keep(run.key, found)
 
     @contextmanager
     def trying(self) -> Iterator[None]:
@@ -407,22 +382,27 @@ class Runner:
         finally:
             self._failed = before
 
-    def values(self, runs: Sequence[Run]) -> list[Array]:
-        """Outputs of runs, (n, ny) each; NaN if the function fails."""
+    def values(self, runs: Sequence[Run], must: bool = False) -> list[Array]:
+        """Outputs of runs, (n, ny) each; NaN if the function fails.
+
+        Raises
+        ------
+        InvalidParameter
+            A run that ``must`` succeed failed; the message names the first such run and its fault.
+        """
         keys = [run.key for run in runs]
         known = {k: self._kept.find(k) for k in keys}
         found = {k: values for k, values in known.items() if values is not None}
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
+            text = f"model {self._name}: its function {fault} ({run})"
+            if fault and must:
+                raise InvalidParameter(text)
             if fault and not self._failed:
                 self._failed = True
-                warnings.warn(
-                    f"model {self._name}: its function {fault} ({run}); this trial, and others "
-                    "like it, count as failed",
-                    RuntimeWarning,
-                    stacklevel=2,
-                )
+                text += "; this trial, and others like it, count as failed"
+                warnings.warn(text, RuntimeWarning, stacklevel=2)
             if isinstance(got, str):
                 got = np.full((len(run.time), len(self._outputs)), np.nan)
             found[key] = got
@@ -437,8 +417,12 @@ class Runner:
         j, i = bad[0]
         return f"returns {found[j, i]} for {self._outputs[i]} at t = {run.time[j]:g} s, sample {j}"
 
+    def took(self, run: Run, given: Any) -> None:
+        """Keep what the function returned for a run already, if it is of use."""
+        if not isinstance(found := self._one(run, lambda *_: given), str):
+            self._kept.keep(run.key, found)
+
     def _one(self, run: Run, function: Function | None = None) -> Array | str:
-        self.made += 1
         try:
             found = call(function or self._function, run, self._outputs)
         except Unusable as error:
@@ -469,15 +453,15 @@ class Runner:
         return [next(new) if values is None else values for values in known]
 
     def _computed(self, runs: Sequence[Run]) -> list[Array | str]:
-        alone = self._pool is None or len(runs) < 2
-        if alone and hasattr(self._function, "run_all"):  # it has threads of its own
-            return [
-                self._one(run, lambda *_, y=y: y)
-                for run, y in zip(runs, self._function.run_all(runs), strict=True)
-            ]
-        if alone:
-            return [self._one(run) for run in runs]
         out: list[Array | str] = []
+        # Own processes also make a single run: one that ends its process does not end this one.
+        if self._pool is None or len(runs) < (1 if self._task is _work else 2):
+            together = getattr(self._function, "run_all", None)  # it has threads of its own
+            given = iter(together(runs, self._workers) if together and runs else ())
+            for run in runs:
+                out.append(self._one(run, (lambda *_: next(given)) if together else None))
+                self.made += 1
+            return out
         futures: list[Any] = []
         try:
             futures += (self._pool.submit(self._task, run, self._outputs) for run in runs)

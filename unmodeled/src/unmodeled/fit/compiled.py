@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unmodeled.fit.build_tape import NAME, SOURCE
 from unmodeled.fit.program import Program
 from unmodeled.fit.tape import NAMES
 
@@ -30,6 +29,8 @@ OFF = "UNMODELED_NO_EXTENSION"
 @functools.cache
 def library() -> Any:
     """The shared object of the package; None: there is none, or it is of another version."""
+    from unmodeled.fit.compile import NAME, SOURCE
+
     path = SOURCE.with_name(NAME)
     return loaded(path) if path.is_file() and not os.environ.get(OFF) else None
 

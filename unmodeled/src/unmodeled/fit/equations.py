@@ -613,14 +613,7 @@ def trial(
 ) -> Trial:
     """Evaluate the rates at random points; rates that fail there tell nothing.
 
-    Parameters
-    ----------
-    rates
-        The rates.
-    states, parameters
-        States and parameters of the model.
-    inputs
-        Names of the inputs; None: all that the rates read.
+    ``inputs``: their names; None: all that the rates read.
 
     Raises
     ------

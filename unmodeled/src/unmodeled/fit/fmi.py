@@ -6,9 +6,11 @@ import copy
 import hashlib
 import shutil
 import tempfile
+import threading
 import weakref
 import zipfile
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal
 
@@ -28,6 +30,8 @@ from unmodeled.units import spelled_unit
 RTOL = 1e-8
 #: Largest size of an FMU, packed and unpacked [bytes].
 LARGEST = 2_000_000_000
+#: Held by the only thread that unpacks an FMU, or runs one that is instantiated once in a process.
+_ALONE = threading.Lock()
 
 
 def _fmpy() -> Any:
@@ -79,26 +83,35 @@ class _Fmu:
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
     ) -> dict[str, Array]:
         fmpy = _fmpy()
-        if not self._folder:
-            self._folder = _unpacked(self.path)
-            weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-            whole = fmpy.read_model_description(self._folder, validate=False)
-            used = {*inputs, *parameters, *self.outputs}
-            self._description = copy.copy(whole)
-            self._description.modelVariables = [v for v in whole.modelVariables if v.name in used]
+        with _ALONE:
+            if not self._folder:
+                self._folder = _unpacked(self.path)
+                weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
+                whole = fmpy.read_model_description(self._folder, validate=False)
+                used = {*inputs, *parameters, *self.outputs}
+                own = [v for v in whole.modelVariables if v.name in used]
+                self._description = copy.copy(whole)
+                self._description.modelVariables = own
         if evenly_spaced(time):  # equal steps, whatever the rounding of the clock
             time = np.linspace(time[0], time[-1], time.size)
         table = np.zeros(time.size, dtype=[(n, np.float64) for n in ("time", *inputs)])
         table["time"] = time
         for name, values in inputs.items():
             table[name] = values
-        fmu = self._instance(fmpy)
         run = self._exchanged if self.kind == "ModelExchange" else self._stepped
-        try:
-            seen = run(fmu, table, dict(parameters))
-        finally:
-            fmu.freeInstance()
+        once = self._interface.canBeInstantiatedOnlyOncePerProcess
+        with _ALONE if once else nullcontext():
+            fmu = self._instance(fmpy)
+            try:
+                seen = run(fmu, table, dict(parameters))
+            finally:
+                fmu.freeInstance()
         return {n: seen[n] for n in self.outputs}
+
+    @property
+    def _interface(self) -> Any:
+        """What the FMU states about this kind of simulation."""
+        return getattr(self._description, self.kind[0].lower() + self.kind[1:])
 
     def _instance(self, fmpy: Any) -> Any:
         """A new instance of the FMU, whose library is loaded once: that takes FMPy 30 ms."""
@@ -106,12 +119,10 @@ class _Fmu:
             fmu = copy.copy(self._loaded)
             fmu.instantiate()
             return fmu
-        description = self._description
         fmu = fmpy.simulation.instantiate_fmu(
-            self._folder, description, self.kind, require_functions=False
+            self._folder, self._description, self.kind, require_functions=False
         )
-        own = getattr(description, self.kind[0].lower() + self.kind[1:])
-        if not own.canBeInstantiatedOnlyOncePerProcess:
+        if not self._interface.canBeInstantiatedOnlyOncePerProcess:
             self._loaded = copy.copy(fmu)
             fmu.freeLibrary = self._loaded.freeLibrary = _kept
         return fmu

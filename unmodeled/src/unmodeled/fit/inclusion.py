@@ -92,6 +92,11 @@ def _faults(model: Model, chosen: Sequence[Candidate], values: Array, widths: Ar
     return faults
 
 
+#: What is that of the model without the effects.
+_AS_BASE = ("outputs", "units", "ports", "difference_step", "cheap_derivatives", "input_modes",
+            "input_names", "any_inputs", "inputs", "effects")  # fmt: skip
+
+
 @checked
 class Including(Model):
     """Result of :func:`including`.
@@ -124,16 +129,8 @@ class Including(Model):
             )
             for t, size in zip(included, magnitudes, strict=True)
         )
-        self.outputs = model.outputs
-        self.units = model.units
-        self.ports = model.ports
-        self.difference_step = model.difference_step
-        self.cheap_derivatives = model.cheap_derivatives
-        self.input_modes = model.input_modes
-        self.input_names = model.input_names
-        self.any_inputs = model.any_inputs
-        self.inputs = model.inputs
-        self.effects = model.effects
+        for name in _AS_BASE:
+            setattr(self, name, getattr(model, name))
 
     def _with(self, base: Model) -> Including:
         """The same effects, with their parameters, in another version of the original model."""

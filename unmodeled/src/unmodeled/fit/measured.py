@@ -18,10 +18,10 @@ that the model lacks. With a measured magnitude it becomes a parameter of the mo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any
 
 from pydantic import BeforeValidator, ValidationError, ValidationInfo
 
@@ -72,7 +72,7 @@ def _in_stated_unit(node: object, info: ValidationInfo) -> float:
         value = parse_scalar(text.removesuffix("%").strip() if percent else node, unit)
     except (ValueError, InvalidParameter) as error:
         got = "" if str(error).startswith("got") else f"got {shown(node)}; "
-        raise ValueError(f"{got}{error}{info.context.get('hint', '')}") from None
+        raise ValueError(f"{got}{error}") from None
     return 0.01 * value if percent else value
 
 
@@ -119,25 +119,32 @@ def read_measured(
         All faults of the file in one message: unknown names, then those of each table. The table of
         an unknown name is not checked, because the unit of its numbers is unknown.
     """
-    read = TableReader(path)
+    path = Path(path)
+    raw = read_toml(path)
+    tables = raw.get("measured")
+    rows = tables.items() if isinstance(tables, dict) else ()
+    entries = {name: entry for name, entry in rows if isinstance(entry, dict)}
     units = units_of_tests(model, effects)
-    whys = {name: no_test_of(name, model, effects) for name, _, _ in read.entries("measured")}
-    read.faults += [f"measured.{name}: {why}" for name, why in whys.items() if why]
-    out = [
-        read.made(
-            where,
-            entry,
-            _Entry,
-            Measured,
-            {"value": units[name], "sd": units[name]},
-            parameter=name,
-        )
-        for name, where, entry in read.entries("measured")
-        if not whys[name]
-    ]
-    read.made("", read.raw, _MeasuredFile, dict)
-    read.finish()
-    return tuple(m for m in out if m is not None)
+    whys = {name: no_test_of(name, model, effects) for name in entries}
+    faults = [f"measured.{name}: {why}" for name, why in whys.items() if why]
+    out = []
+    for name, entry in entries.items():
+        if whys[name]:
+            continue
+        try:
+            read = _Entry.model_validate(entry, context=dict.fromkeys(("value", "sd"), units[name]))
+            out.append(Measured(parameter=name, **read.model_dump()))
+        except ValidationError as error:
+            faults += [f"measured.{name}.{line}" for line in fault_lines(error, _Entry)]
+        except InvalidParameter as error:
+            faults.append(f"measured.{name}: {error}")
+    try:
+        _MeasuredFile.model_validate(raw)
+    except ValidationError as error:
+        faults += fault_lines(error, _MeasuredFile)
+    if faults:
+        raise DataError(fault_text(path.name, faults))
+    return tuple(out)
 
 
 def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
@@ -248,71 +255,3 @@ def _combined(tests: Sequence[Measured]) -> tuple[float, float]:
     weights = [(best / m.sd) ** 2 for m in tests]  # at most 1, so that no square overflows
     value = sum(w * m.value for w, m in zip(weights, tests, strict=True)) / sum(weights)
     return value, best / math.sqrt(sum(weights))
-
-
-# -------------------------------------------------------------------------------- tables of a file
-
-
-T = TypeVar("T")
-
-
-class TableReader:
-    """Collects the faults of a file, so that one of them does not hide the others."""
-
-    def __init__(self, path: str | Path):
-        self.path = Path(path)
-        self.raw: dict[str, Any] = read_toml(self.path)
-        self.faults: list[str] = []
-
-    def entries(self, table: str) -> Iterator[tuple[Any, str, dict[str, Any]]]:
-        """Key or place, name in a message, and content of the tables below a name."""
-        found = self.raw.get(table)
-        rows: Iterable[tuple[Any, Any]] = found.items() if isinstance(found, dict) else ()
-        for key, entry in enumerate(found) if isinstance(found, list) else rows:
-            if isinstance(entry, dict):
-                yield key, f"{table}.{key}", entry
-
-    def made(
-        self,
-        where: str,
-        table: Mapping[str, Any],
-        schema: type[Schema],
-        kind: Callable[..., T],
-        units: Mapping[str, str] | None = None,
-        **more: Any,
-    ) -> T | None:
-        """An object of a table; None where the table has a fault.
-
-        Parameters
-        ----------
-        where
-            Name of the table in a message; empty: the whole file.
-        table
-            Content of the table.
-        schema
-            Its keys.
-        kind
-            Makes the object from the values of the keys.
-        units
-            SI unit of each number that is ``InStatedUnit``; "hint": the end of a message about one.
-        more
-            Further values, which replace those of the table.
-        """
-        try:
-            return kind(**schema.model_validate(table, context=units).model_dump() | more)
-        except ValidationError as error:
-            self.faults += [f"{where}.{line}".strip(".") for line in fault_lines(error, schema)]
-        except InvalidParameter as error:
-            self.faults.append(f"{where}: {error}" if where else str(error))
-        return None
-
-    def finish(self) -> None:
-        """End the reading.
-
-        Raises
-        ------
-        DataError
-            All faults that were found.
-        """
-        if self.faults:
-            raise DataError(fault_text(self.path.name, self.faults))

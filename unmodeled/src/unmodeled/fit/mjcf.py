@@ -15,7 +15,7 @@ from unmodeled.data import Array, Record
 from unmodeled.data.mapping import which_column
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import write_text
-from unmodeled.fit.calling import Means, Run
+from unmodeled.fit.calling import Run
 from unmodeled.fit.mjcf_changes import controls
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.model import Candidate, Origin, Ready
@@ -56,15 +56,6 @@ class MujocoModel(Simulator):
                 )
         return super().matched(records)
 
-    def _by(self, means: Means) -> MujocoModel:
-        out = super()._by(means)
-        assert isinstance(out, MujocoModel)
-        if means.workers is not None:
-            out.mjcf = out.function = copy.copy(self.mjcf)
-            out.mjcf.workers = means.workers
-            out._runner = out._new_runner()
-        return out
-
     def ready(self, records: Sequence[Record]) -> Ready:
         """See :class:`~unmodeled.fit.Model`: the error of the time step is a note."""
         if self._ready or any(self._open):
@@ -84,13 +75,14 @@ class MujocoModel(Simulator):
         run = Run.of(record, self.inputs, self._point([p.value for p in self.parameters]))
         smaller = copy.copy(self.mjcf)
         smaller.parts = 2
-        one, half = (m.run_all([run])[0] for m in (self.mjcf, smaller))
+        (one,) = self._runner.values([run])
+        (half,) = smaller.run_all([run])
         found = []
-        for name in self.outputs:
+        for name, own_values in zip(self.outputs, one.T, strict=True):
             sensor = record.sensors.get(name)
             sigma = sensor.sigma if sensor is not None else None
-            error = float(np.sqrt(np.mean((one[name] - half[name]) ** 2)))
-            if not error <= (STEP_ERROR * sigma if sigma else OF_SPREAD * np.std(one[name])):
+            error = float(np.sqrt(np.mean((own_values - half[name]) ** 2)))
+            if not error <= (STEP_ERROR * sigma if sigma else OF_SPREAD * np.std(own_values)):
                 beside = f", {error / sigma:.2g} times its noise" if sigma else ""
                 found.append(f"{name} by {error:.2g} (rms{beside})")
         if found:
@@ -234,7 +226,7 @@ def mujoco(
     path = Path(path).absolute()
     again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
     how = {"key": key, "settle": settle, "hold": hold, "name": name}
-    function = Mjcf(path, key, settle, hold, workers)
+    function = Mjcf(path, key, settle, hold)
     known = function.properties
     listed = [p if isinstance(p, str) else p.name for p in parameters]
     asked = [*listed, *(unknown or {})]

@@ -58,14 +58,17 @@ def quiet() -> Iterator[None]:
 # -------------------------------------------------------------------------------------- properties
 
 
+#: Sets a number of a compiled model: (model, name of the owner, value).
+Setter = Callable[[Any, str, float], None]
+
+
 @dataclass(frozen=True)
 class Kind:
     """A kind of number of a joint, an actuator, a body, or gravity."""
 
     units: tuple[str, str]
     """By a slide and by a hinge; equal for others."""
-    set: Callable[[Any, str, float], None]
-    """Sets the number of a compiled model: (model, name of the owner, value)."""
+    set: Setter
     mechanism: str = ""
     inertial: bool = False
     """Whether other fields of the model follow from it (``mj_setConst``)."""
@@ -85,16 +88,14 @@ class Property:
     """Whether another value is an effect that is tested by default."""
 
 
-def _joint(field: str) -> Callable[[Any, str, float], None]:
+def _field(field: str, of: str, axis: int | None = None, sign: float = 1.0) -> Setter:
+    """Sets a number of a field in the row of a joint, a "dof" of it, an actuator, or a body."""
+
     def put(model: Any, name: str, value: float) -> None:
-        getattr(model, field)[model.joint(name).id] = value
-
-    return put
-
-
-def _dof(field: str) -> Callable[[Any, str, float], None]:
-    def put(model: Any, name: str, value: float) -> None:
-        getattr(model, field)[model.joint(name).dofadr[0]] = value
+        row = model.joint(name).dofadr[0] if of == "dof" else getattr(model, of)(name).id
+        getattr(model, field)[row if axis is None else (row, axis)] = sign * value
+        if field == "body_ipos":
+            model.body_sameframe[row] = 0
 
     return put
 
@@ -102,13 +103,6 @@ def _dof(field: str) -> Callable[[Any, str, float], None]:
 def _clearance(model: Any, name: str, value: float) -> None:
     if value > 0.0:  # else there is no such joint
         model.jnt_range[model.joint(name + BACKLASH).id] = -value, value
-
-
-def _offset(axis: int) -> Callable[[Any, str, float], None]:
-    def put(model: Any, name: str, value: float) -> None:
-        model.jnt_pos[model.joint(name).id, axis] = value
-
-    return put
 
 
 def _gain(model: Any, name: str, value: float) -> None:
@@ -121,14 +115,6 @@ def _gain(model: Any, name: str, value: float) -> None:
     gain[0] = value
 
 
-def _damping_gain(model: Any, name: str, value: float) -> None:
-    model.actuator_biasprm[model.actuator(name).id, 2] = -value
-
-
-def _gear(model: Any, name: str, value: float) -> None:
-    model.actuator_gear[model.actuator(name).id, 0] = value
-
-
 def _force(model: Any, name: str, value: float) -> None:
     model.actuator_forcerange[model.actuator(name).id] = -value, value
 
@@ -137,22 +123,6 @@ def _mass(model: Any, name: str, value: float) -> None:
     i = model.body(name).id
     model.body_inertia[i] *= value / model.body_mass[i]
     model.body_mass[i] = value
-
-
-def _center(axis: int) -> Callable[[Any, str, float], None]:
-    def put(model: Any, name: str, value: float) -> None:
-        i = model.body(name).id
-        model.body_ipos[i, axis] = value
-        model.body_sameframe[i] = 0
-
-    return put
-
-
-def _inertia(axis: int) -> Callable[[Any, str, float], None]:
-    def put(model: Any, name: str, value: float) -> None:
-        model.body_inertia[model.body(name).id, axis] = value
-
-    return put
 
 
 def _payload(model: Any, name: str, value: float) -> None:
@@ -178,7 +148,7 @@ def _payload_at(model: Any, name: str, mass: float, place: Array) -> None:
     model.body_sameframe[i] = 0
 
 
-def _tilt(axis: int) -> Callable[[Any, str, float], None]:
+def _tilt(axis: int) -> Setter:
     def put(model: Any, _name: str, value: float) -> None:
         mj, out, turn = import_mujoco(), np.empty(3), np.empty(4)
         mj.mju_axisAngle2Quat(turn, np.eye(3)[axis], value)
@@ -189,45 +159,47 @@ def _tilt(axis: int) -> Callable[[Any, str, float], None]:
 
 
 JOINT = {
-    "damping": Kind(("N s/m", "N m s/rad"), _dof("dof_damping"),
+    "damping": Kind(("N s/m", "N m s/rad"), _field("dof_damping", "dof"),
                     "A force in proportion to the speed opposes the motion."),
-    "frictionloss": Kind(("N", "N m"), _dof("dof_frictionloss"),
+    "frictionloss": Kind(("N", "N m"), _field("dof_frictionloss", "dof"),
                          "A force of constant magnitude opposes the motion."),
-    "armature": Kind(("kg", "kg m^2"), _dof("dof_armature"),
+    "armature": Kind(("kg", "kg m^2"), _field("dof_armature", "dof"),
                      "The rotor has an inertia of its own.", inertial=True),
-    "stiffness": Kind(("N/m", "N m/rad"), _joint("jnt_stiffness"), "A spring acts on the joint."),
+    "stiffness": Kind(("N/m", "N m/rad"), _field("jnt_stiffness", "joint"),
+                      "A spring acts on the joint."),
     "backlash": Kind(("m", "rad"), _clearance, "The gear has a clearance of twice this size."),
 }  # fmt: skip
-OFFSETS = {
-    f"offset_{a}": Kind(("m", "m"), _offset(i), "The axis of the joint is at another place.",
-                        inertial=True, signed=True, moves=True)
-    for i, a in enumerate(AXES)
-}  # fmt: skip
+
+
+def _places(name: str, field: str, of: str, what: str) -> dict[str, Kind]:
+    """Coordinates of a place [m]."""
+    return {
+        f"{name}_{a}": Kind(("m", "m"), _field(field, of, i), f"{what} is at another place.",
+                            inertial=True, signed=True, moves=True)
+        for i, a in enumerate(AXES)
+    }  # fmt: skip
+
+
+OFFSETS = _places("offset", "jnt_pos", "joint", "The axis of the joint")
 ACTUATOR = {
     "gain": Kind(("1", "1"), _gain, "The actuator is weaker or stronger."),
     "kp": Kind(("N/m", "N m/rad"), _gain, "The servo is softer or stiffer."),
-    "kv": Kind(("N s/m", "N m s/rad"), _damping_gain, "The servo has another damping."),
-    "gear": Kind(("1", "1"), _gear, "The gear has another ratio.", inertial=True, signed=True),
+    "kv": Kind(("N s/m", "N m s/rad"), _field("actuator_biasprm", "actuator", 2, -1.0),
+               "The servo has another damping."),
+    "gear": Kind(("1", "1"), _field("actuator_gear", "actuator", 0), "The gear has another ratio.",
+                 inertial=True, signed=True),
     "force": Kind(("N", "N m"), _force, "The actuator has another largest force."),
-}
+}  # fmt: skip
 BODY = {
     "mass": Kind(("kg", "kg"), _mass, "The body is lighter or heavier.", inertial=True),
     "payload": Kind(("kg", "kg"), _payload, "A mass is attached to the body.", inertial=True),
+    **_places("center", "body_ipos", "body", "The center of mass"),
     **{
-        f"center_{a}": Kind(("m", "m"), _center(i), "The center of mass is at another place.",
-                            inertial=True, signed=True, moves=True)
+        f"inertia_{a}": Kind(("kg m^2", "kg m^2"), _field("body_inertia", "body", i),
+                             "The body has another inertia.", inertial=True)
         for i, a in enumerate(AXES)
     },
-    **{
-        f"inertia_{a}": Kind(("kg m^2", "kg m^2"), _inertia(i), "The body has another inertia.",
-                             inertial=True)
-        for i, a in enumerate(AXES)
-    },
-    **{
-        f"payload_{a}": Kind(("m", "m"), _center(i), "The attached mass is at another place.",
-                             inertial=True, signed=True, moves=True)
-        for i, a in enumerate(AXES)
-    },
+    **_places("payload", "body_ipos", "body", "The attached mass"),
 }  # fmt: skip
 TILT = {
     f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True)
@@ -236,13 +208,7 @@ TILT = {
 
 
 def properties(model: Any) -> dict[str, Property]:
-    """Numbers of a model by name, ``JOINT.damping``, with their values in the file.
-
-    Parameters
-    ----------
-    model
-        The compiled model.
-    """
+    """Numbers of a model by name, ``JOINT.damping``, with their values in the file."""
     out = {**_of_joints(model), **_of_actuators(model), **_of_bodies(model)}
     gravity = np.abs(model.opt.gravity)
     for name, kind in TILT.items():
@@ -332,17 +298,7 @@ def _of_bodies(model: Any) -> dict[str, Property]:
 
 
 def set_properties(model: Any, values: Mapping[str, float], known: Mapping[str, Property]) -> None:
-    """Set properties of a compiled model that differ from those of the file.
-
-    Parameters
-    ----------
-    model
-        Changed in place.
-    values
-        Values by name.
-    known
-        All properties of the file.
-    """
+    """Set properties, in place, of a compiled model that differ from those of the file."""
     places: dict[str, Array] = {}
     for name, value in values.items():
         owner, _, what = name.rpartition(".")
@@ -363,14 +319,7 @@ def set_properties(model: Any, values: Mapping[str, float], known: Mapping[str, 
 def add_backlash(spec: Any, model: Any, names: Sequence[str]) -> None:
     """Add a second joint behind each of these joints, which moves freely within its range.
 
-    Parameters
-    ----------
-    spec
-        Specification that is changed; its keyframes move with the joints.
-    model
-        The compiled model without them.
-    names
-        Names of joints.
+    ``model``: the compiled model without them. Keyframes move with the joints.
     """
     mj = import_mujoco()
     joints = [model.joint(n) for n in names]

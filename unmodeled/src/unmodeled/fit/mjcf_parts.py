@@ -31,11 +31,6 @@ SIZES = {
 def outside_parts(path: Path) -> tuple[Path, ...]:
     """Files of a model that are not in its folder or below it.
 
-    Parameters
-    ----------
-    path
-        Absolute path of the MJCF or URDF file.
-
     Raises
     ------
     InvalidParameter

@@ -118,19 +118,11 @@ def _bad() -> tuple[int, ...]:
 class Mjcf:
     """Function that runs an MJCF model.
 
-    Parameters
-    ----------
-    path
-        The file.
-    key, settle, hold
-        As for :func:`~unmodeled.fit.mujoco`.
-    workers
-        Number of threads; None: number of cores.
+    ``key``, ``settle`` and ``hold`` are those of :func:`~unmodeled.fit.mujoco`.
     """
 
-    def __init__(self, path: Path, key: str, settle: float, hold: str, workers: int | None):
+    def __init__(self, path: Path, key: str, settle: float, hold: str):
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
-        self.workers = workers or cores()
         self.parts = 1
         """Parts of each time step; more than 1 tells the error of the time step."""
         self.notices: tuple[str, ...] = ()
@@ -192,10 +184,7 @@ class Mjcf:
     def patched(self, values: Mapping[str, float]) -> Any:
         """The specification with these values of properties, ``JOINT.damping``; others stay.
 
-        Parameters
-        ----------
-        values
-            By name, also ``ACTUATOR.delay`` [s].
+        ``values``: also ``ACTUATOR.delay`` [s].
         """
         late = {n: v for n, v in values.items() if n.endswith(".delay")}
         changed = self._changed({n: v for n, v in values.items() if n not in late})
@@ -256,19 +245,18 @@ class Mjcf:
         (found,) = self.run_all([Run("", time, driven, dict(parameters))])
         return found
 
-    def run_all(self, runs: Sequence[Run]) -> list[dict[str, Array]]:
+    def run_all(self, runs: Sequence[Run], workers: int | None = None) -> list[dict[str, Array]]:
         """Outputs of several runs; they do not depend on the number of threads.
 
-        Parameters
-        ----------
-        runs
-            The runs.
+        ``workers``: number of threads; None: number of cores.
         """
         stop = threading.Event()
         changes = [self._changed(run.parameters) for run in runs]
         jobs = [(self._structure(c), r, c, stop) for c, r in zip(changes, runs, strict=True)]
         steps = sum((r.time[-1] - r.time[0]) / self.model.opt.timestep for r in runs)
-        count = min(self.workers, len(jobs) or 1, 1 + int(steps * self.parts / WORTH_A_THREAD))
+        count = min(
+            workers or cores(), len(jobs) or 1, 1 + int(steps * self.parts / WORTH_A_THREAD)
+        )
         with quiet():
             if count == 1:
                 return [self._run(*job) for job in jobs]
@@ -352,13 +340,7 @@ class Mjcf:
             yield j, time.size - 1 if spans.size == 1 else 1, count, span / count
 
     def steps(self, span: float) -> int:
-        """Number of time steps in an interval [s]; they are not longer than that of the file.
-
-        Parameters
-        ----------
-        span
-            Duration of the interval [s].
-        """
+        """Number of time steps in an interval [s]; they are not longer than that of the file."""
         base = float(self.model.opt.timestep)
         count = max(1, round(span / base))
         if not 0.999 * span < count * base < 1.001 * span:

@@ -316,14 +316,8 @@ def check_shapes(
 ) -> None:
     """Check that arrays have a value for each parameter, state and included candidate of a model.
 
-    Parameters
-    ----------
-    model, included
-        The model, and the candidates that are part of it.
-    given
-        Arrays by what they hold: theta, start, magnitudes.
-    rows
-        Lengths of the axes before the last one.
+    ``given``: arrays by what they hold (theta, start, magnitudes); ``rows``: lengths of the axes
+    before the last one.
     """
     wanted = {
         "theta": [p.name for p in model.parameters],
@@ -905,7 +899,7 @@ def sensitivity_of(
 
 
 def changed_runs(
-    model: Model, request: SensitivityRequest, state_step: float | None = None
+    model: Model, request: SensitivityRequest
 ) -> tuple[list[Batch], list[list[tuple[int, int, float]]]]:
     """Changed simulations of a request, and their use.
 
@@ -913,16 +907,8 @@ def changed_runs(
     variable of differentiation, several rows are given as batch, row and weight of its difference
     from the point: parameters, magnitudes, start states, candidates, changes of inputs, and of
     shapes.
-
-    Parameters
-    ----------
-    model, request
-        Model and request.
-    state_step
-        Change of the start states, as a share of their scales; default: a tenth of that of the
-        parameters.
     """
-    jobs, weighted = changed_jobs(model, request, state_step)
+    jobs, weighted = changed_jobs(model, request)
     batches: list[Batch] = [(request.record, jobs)]
     columns = [[(0, row, weight) for row, weight in column] for column in weighted]
     for at in range(0, len(request.candidates), TOGETHER):
@@ -956,17 +942,8 @@ def reshaped(included: tuple[Candidate, ...], place: int, shape: Any) -> tuple[C
     return tuple(replace(c, shape=shape) if k == place else c for k, c in enumerate(included))
 
 
-def changed_jobs(
-    model: Model, request: SensitivityRequest, state_step: float | None = None
-) -> tuple[Jobs, list[Weighted]]:
-    """Jobs with changes of parameters, magnitudes and start states, and their use by column.
-
-    Parameters
-    ----------
-    model, request, state_step
-        As for :func:`changed_runs`.
-    """
-    share = 0.1 * model.difference_step if state_step is None else state_step
+def changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list[Weighted]]:
+    """Jobs with changes of parameters, magnitudes and start states, and their use by column."""
     included, states = request.included, model.states(request.included)
     base = {
         "theta": np.asarray(request.theta, dtype=np.float64),
@@ -991,7 +968,7 @@ def changed_jobs(
         add("magnitudes", i, model._offsets(candidate.effect, base["magnitudes"][i]))
     if request.by_starts:
         for i, state in enumerate(states):
-            step = share * state.scale
+            step = 0.1 * model.difference_step * state.scale
             add("starts", i, difference_offsets(base["starts"][i], step, -np.inf, np.inf))
     return Jobs(included=included, **{k: np.array(v) for k, v in rows.items()}), columns
 
@@ -1000,7 +977,8 @@ def _with_candidates(
     model: Model, request: SensitivityRequest, some: tuple[Candidate, ...]
 ) -> tuple[Jobs, list[Weighted]]:
     """Jobs with two magnitudes of each of some candidates, and their use by column."""
-    rows, columns = [np.zeros(len(some))], []
+    rows: list[Array] = []
+    columns: list[Weighted] = []
     for c, candidate in enumerate(some):
         entry = []
         for size, weight in model._offsets(candidate.effect, 0.0):

@@ -45,13 +45,6 @@ class Noise:
         small by chance, and a fit would be low by twice the square of ``relative``. Where neighbors
         and sample disagree, as beside a step, the larger value is used. With constant ``sigma``,
         the values have no influence.
-
-        Parameters
-        ----------
-        time
-            Times of the samples [s], (n,).
-        measured
-            Measured values [unit], (n,).
         """
         seen = np.flatnonzero(np.isfinite(measured))
         if self.relative == 0.0 or not seen.size:
@@ -101,12 +94,7 @@ def sd_of_knots(record: Record, name: str, spacing: Array | float) -> Array:
     sampled with step h. Its variance is s^2 (h + 2 c) / D, at most s^2. The integral over the
     interval, to which an inertia responds, then has the correct variance.
 
-    Parameters
-    ----------
-    name
-        Input of the record.
-    spacing
-        Distance of the knots [s].
+    ``spacing``: distance of the knots [s].
     """
     tau = record.input_correlation_time.get(name, 0.0)
     share = (record.interval + 2.0 * tau) / np.maximum(spacing, record.interval)

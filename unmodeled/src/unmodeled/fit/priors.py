@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import (
+    Callable,
+    Collection,
+    Generator,
+    Iterable,
+    Mapping,
+    Sequence,
+)
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -25,6 +32,7 @@ __all__ = [
     "stated",
 ]
 
+V = TypeVar("V")
 #: Parameters with their priors: ``(value, sd, unit)`` by name, or a list of :class:`Parameter`.
 Priors = Sequence[Parameter] | Mapping[str, Any]
 #: Effects that are parameters: unit, ``(value without it, expected size, unit)``,
@@ -72,21 +80,6 @@ class Exposed:
         )
 
 
-FORM = "expected (value, standard deviation, unit), such as (2.0, 0.1, 'kg'); sd 0 fixes it"
-
-
-def _numbers(values: Iterable[Any]) -> bool:
-    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
-
-
-def _range(name: str, bounds: Bounds) -> tuple[float, float]:
-    given = (bounds or {}).get(name, (-math.inf, math.inf))
-    pair = tuple(given) if isinstance(given, list | tuple) else ()
-    if len(pair) != 2 or not _numbers(pair) or not pair[0] <= pair[1]:
-        raise InvalidParameter(f"bounds of {name}: got {given!r}, expected (lowest, highest)")
-    return float(pair[0]), float(pair[1])
-
-
 @dataclass(frozen=True)
 class Stated:
     """What a model states about the numbers of its function, in the units that it gets."""
@@ -115,33 +108,28 @@ def stated(
     where its attribute ``units``, by name, has another unit. Its attribute ``values`` has values
     that need not be stated, and ``limits`` has bounds, both in the units that it gets.
 
-    Parameters
-    ----------
-    function
-        Function of the model.
-    parameters, unknown, bounds
-        Short forms of a user.
-    model
-        Name of the model, for messages.
-
     Raises
     ------
     InvalidParameter
         A form is wrong, a unit is unknown or measures another quantity, or bounds belong to no
         parameter.
     """
-    known = _Known(function)
-    if isinstance(parameters, Mapping):
-        parameters = {n: known.parameter(n, p) for n, p in parameters.items()}
-    else:
-        parameters = tuple(known.converted(p.name, p, _OF_PARAMETER) for p in parameters)
-    unknown = {n: known.unknown(n, u) for n, u in (unknown or {}).items()}
+    unknown = unknown or {}
     names = [*(p if isinstance(p, str) else p.name for p in parameters), *unknown]
-    check_bounds(bounds, names, model)
-    limits = known.limits(names, bounds)
-    effects, neutral, unsized = unknown_effects(unknown, limits)
+    for name in bounds or {}:
+        if name not in names:
+            raise InvalidParameter(
+                f"model {model}: bounds of {name}, which is no parameter{near_names(name, names)}; "
+                f"there are {', '.join(names) or 'none'}"
+            )
+    reader = _Reader(function, bounds or {})
+    if isinstance(parameters, Mapping):
+        found = [reader.parameter(n, p) for n, p in parameters.items()]
+    else:
+        found = [reader.limited(p) for p in parameters]
+    effects = [reader.unknown(n, u) for n, u in unknown.items()]
     return Stated(
-        parameters_of(parameters, limits), effects, neutral, unsized, tuple(known.notes())
+        tuple(found), tuple(effects), reader.neutral, frozenset(reader.unsized), reader.notes
     )
 
 
@@ -149,20 +137,27 @@ def stated(
 _OF_PARAMETER = ("value", "sd", "lower", "upper", "scale", "process_sd")
 _OF_EXPOSED = ("scale", "neutral", "lower", "upper")
 _OF_EFFECT = ("scale", "lower", "upper")
+_ABOUT = "\N{PLUS-MINUS SIGN}"
 
 
-class _Known:
-    """Units, values and limits that a function states, and what was converted to them."""
+def _numbers(values: Iterable[Any]) -> bool:
+    return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
 
-    def __init__(self, function: Callable[..., Any]):
+
+class _Reader:
+    """Reads short forms into the units that a function gets."""
+
+    def __init__(self, function: Callable[..., Any], bounds: Mapping[str, Any]):
         self._units: Mapping[str, str] = getattr(function, "units", {})
         self._values: Mapping[str, float | None] = getattr(function, "values", {})
         self._limits: Mapping[str, tuple[float, float]] = getattr(function, "limits", {})
         called = getattr(function, "__name__", "")
         self._named = called if called.isidentifier() else "function"
+        self._bounds = bounds
         self._first = self._unit = ""
-        self._factors: dict[str, float] = {}
         self._told: list[str] = []
+        self.neutral: dict[str, float] = {}
+        self.unsized: set[str] = set()
 
     def _factor(self, name: str, unit: str) -> tuple[float, str]:
         """Factor from a stated unit to that which the function gets, and this unit."""
@@ -174,43 +169,93 @@ class _Known:
             factor, si = (conversion_factor(read, wanted), wanted) if wanted else to_si(read)
         except InvalidParameter as error:
             raise InvalidParameter(f"parameter {name}: {error}") from None
-        self._factors[name] = factor
         return factor, unit if factor == 1.0 and not wanted else si
 
-    def parameter(self, name: str, prior: Any) -> Any:
-        """A short form of a parameter; a value None is that of the function."""
+    def _range(self, name: str, factor: float) -> tuple[float, float]:
+        """Bounds in the unit that the function gets."""
+        if name not in self._bounds:
+            return self._limits.get(name, (-math.inf, math.inf))
+        given = self._bounds[name]
+        pair = tuple(given) if isinstance(given, list | tuple) else ()
+        if len(pair) != 2 or not _numbers(pair) or not pair[0] <= pair[1]:
+            raise InvalidParameter(f"bounds of {name}: got {given!r}, expected (lowest, highest)")
+        return factor * float(pair[0]), factor * float(pair[1])
+
+    def parameter(self, name: str, prior: Any) -> Parameter:
+        """A parameter: ``(value, sd, unit)``, ``(value, sd)``, or a value without a prior.
+
+        A value None is that of the function.
+        """
         parts = [*prior] if isinstance(prior, list | tuple) else [prior]
         unit = parts[2] if len(parts) == 3 else "1"
-        right = 1 <= len(parts) <= 3 and _numbers(v for v in parts[:2] if v is not None)
-        if not right or not isinstance(unit, str):
-            return prior  # the reader of the form tells its fault
+        own = self._values.get(name) if parts and parts[0] is None else None
+        numbers = [*parts[:2]] if own is None else [own, *parts[1:2]]
+        if not 1 <= len(parts) <= 3 or not _numbers(numbers) or not isinstance(unit, str):
+            raise InvalidParameter(
+                f"parameter {name}: got {prior!r}, expected (value, standard deviation, unit), "
+                "such as (2.0, 0.1, 'kg'); sd 0 fixes it"
+            )
         factor, got = self._factor(name, unit)
-        if factor != 1.0:
-            at, mark = (1, "\N{PLUS-MINUS SIGN}") if parts[0] is None else (0, "=")
-            self._tell(name, mark, factor, parts[at], unit, got)
-            parts[:2] = [v if v is None else factor * v for v in parts[:2]]
-        if parts[0] is None and (value := self._values.get(name)) is None:
-            return prior
-        parts[0] = value if parts[0] is None else parts[0]
-        return (*parts[:2], *([math.inf] if len(parts) == 1 else []), got)
+        value, sd = float(numbers[0]), float(numbers[1]) if len(numbers) > 1 else math.inf
+        if own is None:
+            self._tell(name, "=", factor, value, unit, got)
+            value *= factor
+        else:
+            self._tell(name, _ABOUT, factor, sd, unit, got)
+        low, high = self._range(name, factor)
+        return Parameter(name=name, value=value, sd=factor * sd, unit=got, lower=low, upper=high)
 
-    def unknown(self, name: str, item: Any) -> Any:
-        """A short form of an unknown effect; a value None is that of the function, or 0."""
+    def limited(self, p: Parameter) -> Parameter:
+        """A parameter within the bounds."""
+        factor, _ = self._factor(p.name, p.unit)
+        low, high = self._range(p.name, factor)
+        p = self._converted(p.name, p, _OF_PARAMETER)
+        return replace(p, lower=max(p.lower, low), upper=min(p.upper, high))
+
+    def unknown(self, name: str, item: Any) -> Effect:
+        """An effect: its unit, ``(value without it, size, unit)``, :class:`Exposed` or an effect.
+
+        A value None is that of the function, or 0.
+        """
         if isinstance(item, Exposed):
-            return self.converted(name, item, _OF_EXPOSED)
+            own: Exposed = self._converted(name, item, _OF_EXPOSED)
+            self.neutral[name] = own.neutral
+            return own.effect(name)
         if isinstance(item, Effect):
-            return self.converted(name, item, _OF_EFFECT)
+            self.neutral[name] = 0.0
+            effect: Effect = self._converted(name, item, _OF_EFFECT)
+            return replace(effect, data=name)
         parts = (None, 0.0, item) if isinstance(item, str) else item
-        if not isinstance(parts, list | tuple) or len(parts) != 3 or not isinstance(parts[2], str):
-            return item
+        parts = tuple(parts) if isinstance(parts, list | tuple) else ()
+        right = len(parts) == 3 and _numbers(parts[parts[0] is None : 2])
+        right = right and isinstance(parts[2], str) and 0.0 <= parts[1] < math.inf
+        if not right or not math.isfinite(parts[0] or 0.0):
+            raise InvalidParameter(
+                f"unknown {name}: got {item!r}, expected its unit, such as 'N', or (value without "
+                "the effect, expected size, unit)"
+            )
         at, size, unit = parts
         factor, got = self._factor(name, unit)
-        if factor != 1.0 and _numbers(v for v in (at, size) if v is not None):
-            self._tell(name, "\N{PLUS-MINUS SIGN}", factor, size, unit, got)
-            at, size = at if at is None else factor * at, factor * size
-        return (self._values.get(name) or 0.0) if at is None else at, size, got
+        self._tell(name, _ABOUT, factor, size, unit, got)
+        at = (self._values.get(name) or 0.0) if at is None else factor * at
+        low, high = (b - at for b in self._range(name, factor))
+        if not low <= 0.0 <= high:
+            raise InvalidParameter(f"bounds of {name}: they do not hold {at:g}, the value without")
+        self.neutral[name] = float(at)
+        if not size:
+            self.unsized.add(name)
+        return Effect(
+            name=name,
+            component=name,
+            unit=got,
+            scale=factor * size or 1.0,
+            sign=1 if low == 0.0 else -1 if high == 0.0 else 0,
+            lower=low,
+            upper=high,
+            data=name,
+        )
 
-    def converted(self, name: str, item: Any, fields: Sequence[str]) -> Any:
+    def _converted(self, name: str, item: Any, fields: Sequence[str]) -> Any:
         """A parameter or an effect with its numbers in the unit that the function gets."""
         factor, got = self._factor(name, item.unit)
         if factor == 1.0:
@@ -220,127 +265,20 @@ class _Known:
         return replace(item, unit=got, **sizes)
 
     def _tell(self, name: str, mark: str, factor: float, size: float, unit: str, got: str) -> None:
-        text = f"{mark} {factor * size:.6g} {got} ({size:.6g} {unit})"
-        self._told.append(f"{name} {text if size else f'in {got} (not {unit})'}")
-        self._first, self._unit = name, unit
+        if factor != 1.0:
+            text = f"{mark} {factor * size:.6g} {got} ({size:.6g} {unit})"
+            self._told.append(f"{name} {text if size else f'in {got} (not {unit})'}")
+            self._first, self._unit = name, unit
 
-    def limits(self, names: Sequence[str], bounds: Bounds) -> dict[str, tuple[float, float]]:
-        """Bounds by name in the units that the function gets."""
-        found = {n: self._limits[n] for n in names if n in self._limits}
-        for n in bounds or {}:
-            low, high = _range(n, bounds)
-            factor = self._factors.get(n, 1.0)
-            found[n] = factor * low, factor * high
-        return found
-
-    def notes(self) -> Iterator[str]:
+    @property
+    def notes(self) -> tuple[str, ...]:
         """What the function gets where a number was converted."""
-        if self._told:
-            yield (
-                f"units: the function gets {', '.join(self._told)}; an attribute of it, such as "
-                f"{self._named}.units = {{{self._first!r}: {self._unit!r}}}, states another unit"
-            )
-
-
-def check_bounds(bounds: Bounds, known: Sequence[str], model: str) -> None:
-    """Refuse bounds of a name that is no parameter."""
-    for name in bounds or {}:
-        if name not in known:
-            raise InvalidParameter(
-                f"model {model}: bounds of {name}, which is no parameter{near_names(name, known)}; "
-                f"there are {', '.join(known) or 'none'}"
-            )
-
-
-def parameters_of(given: Priors, bounds: Bounds = None) -> tuple[Parameter, ...]:
-    """Parameters with their priors.
-
-    Parameters
-    ----------
-    given
-        Name -> ``(value, sd, unit)``, ``(value, sd)`` or a value without a prior; or parameters.
-    bounds
-        Name -> lowest and highest value.
-
-    Raises
-    ------
-    InvalidParameter
-        A prior has another form.
-    """
-    if not isinstance(given, Mapping):
-        pairs = [(p, *_range(p.name, bounds)) for p in given]
-        return tuple(
-            replace(p, lower=max(p.lower, low), upper=min(p.upper, high)) for p, low, high in pairs
+        if not self._told:
+            return ()
+        return (
+            f"units: the function gets {', '.join(self._told)}; an attribute of it, such as "
+            f"{self._named}.units = {{{self._first!r}: {self._unit!r}}}, states another unit",
         )
-    found = []
-    for name, prior in given.items():
-        parts = tuple(prior) if isinstance(prior, list | tuple) else (prior,)
-        unit = parts[2] if len(parts) == 3 else "1"
-        if not 1 <= len(parts) <= 3 or not _numbers(parts[:2]) or not isinstance(unit, str):
-            raise InvalidParameter(f"parameter {name}: got {prior!r}, {FORM}")
-        low, high = _range(name, bounds)
-        sd = float(parts[1]) if len(parts) > 1 else math.inf
-        found.append(
-            Parameter(name=name, value=float(parts[0]), sd=sd, unit=unit, lower=low, upper=high)
-        )
-    return tuple(found)
-
-
-def unknown_effects(
-    given: Unknowns, bounds: Bounds = None
-) -> tuple[tuple[Effect, ...], dict[str, float], frozenset[str]]:
-    """Effects that are parameters of a function, their neutral values, and those without a size.
-
-    Parameters
-    ----------
-    given
-        Name -> unit, ``(neutral value, expected size, unit)`` or an effect.
-    bounds
-        Name -> lowest and highest value of the parameter.
-
-    Raises
-    ------
-    InvalidParameter
-        An item has another form.
-    """
-    effects, neutral, without = [], {}, set()
-    for name, item in (given or {}).items():
-        if isinstance(item, Exposed):
-            effects.append(item.effect(name))
-            neutral[name] = item.neutral
-            continue
-        if isinstance(item, Effect):
-            effects.append(replace(item, data=name))
-            neutral[name] = 0.0
-            continue
-        parts = (0.0, 0.0, item) if isinstance(item, str) else item
-        parts = tuple(parts) if isinstance(parts, list | tuple) else ()
-        right = len(parts) == 3 and _numbers(parts[:2]) and isinstance(parts[2], str)
-        if not right or not 0.0 <= parts[1] < math.inf or not math.isfinite(parts[0]):
-            raise InvalidParameter(
-                f"unknown {name}: got {item!r}, expected its unit, such as 'N', or (value without "
-                "the effect, expected size, unit)"
-            )
-        at, size, unit = parts
-        low, high = (b - at for b in _range(name, bounds))
-        if not low <= 0.0 <= high:
-            raise InvalidParameter(f"bounds of {name}: they do not hold {at:g}, the value without")
-        neutral[name] = float(at)
-        if not size:
-            without.add(name)
-        effects.append(
-            Effect(
-                name=name,
-                component=name,
-                unit=unit,
-                scale=size or 1.0,
-                sign=1 if low == 0.0 else -1 if high == 0.0 else 0,
-                lower=low,
-                upper=high,
-                data=name,
-            )
-        )
-    return tuple(effects), neutral, frozenset(without)
 
 
 # ------------------------------------------------------------------------------- sizes from trials
@@ -360,36 +298,54 @@ def sized(
 
     An effect that acts on one side only, or on both sides alike, gets a sign.
 
-    Parameters
-    ----------
-    model
-        Model with all channels.
-    effects
-        Effects of the model.
-    which
-        Names of those without a size.
-    records
-        Measured runs.
-
-    Returns
-    -------
-    The effects, and a note about each that got a size.
+    ``which``: names of those without a size. Also returns a note about each that got one.
     """
     if not which:
         return tuple(effects), []
     record = max(records, key=lambda r: _motion(r, model.outputs))
-    base = _run(model, record, None, 0.0)
+    base = np.asarray(model.simulate(record, prior_jobs(model, record))[0])
     measured = record.output_array(model.outputs)
     spread = [float(np.std(y[np.isfinite(y)])) if np.isfinite(y).any() else 0.0 for y in measured.T]
     unit = np.where(np.array(spread) > 0.0, spread, np.maximum(np.std(base, axis=0), 1e-300))
     goal = min(max(_share(measured - base, unit), LEAST), MOST)
-    found, notes = [], []
-    for effect in effects:
-        if effect.name in which:
-            effect, note = _with_size(model, effect, record, base, unit, goal)
-            notes.append(note)
-        found.append(effect)
-    return tuple(found), notes
+    chosen = [e for e in effects if e.name in which]
+    found = _in_step(
+        model,
+        record,
+        [(e, _with_size(e, record, _first(model, e, record), base, unit, goal)) for e in chosen],
+    )
+    by_name = {e.name: e for e, _ in found}
+    return tuple(by_name.get(e.name, e) for e in effects), [note for _, note in found]
+
+
+#: The search for a size, which yields those of its runs and gets their outputs; None: a run failed.
+_Search = Generator[float, Array | None, V]
+
+
+def _in_step(
+    model: Model, record: Record, searches: Sequence[tuple[Effect, _Search[V]]]
+) -> list[V]:
+    """Results of searches; the runs of one step of all of them are one call of the model."""
+    results: dict[int, V] = {}
+    asked: dict[int, float] = {}
+
+    def advance(i: int, value: Array | None) -> None:
+        try:
+            asked[i] = searches[i][1].send(value)
+        except StopIteration as end:
+            results[i] = end.value
+
+    for i in range(len(searches)):
+        advance(i, None)
+    while asked:
+        batches = [
+            (record, prior_jobs(model, record, (Candidate(e, e.shapes[0]),), [size]))
+            for e, size in ((searches[i][0], size) for i, size in asked.items())
+        ]
+        waiting, asked = list(asked), {}
+        for i, run in zip(waiting, model.simulate_all(batches), strict=True):
+            advance(i, run[0] if np.isfinite(run[0]).all() else None)
+    return [results[i] for i in range(len(searches))]
 
 
 def _motion(record: Record, names: Sequence[str]) -> float:
@@ -402,12 +358,6 @@ def _share(change: Array, unit: Array) -> float:
     return float(np.sqrt(squares.mean(axis=0).max(initial=0.0)))
 
 
-def _run(model: Model, record: Record, effect: Effect | None, size: float) -> Array:
-    included = () if effect is None else (Candidate(effect, effect.shapes[0]),)
-    jobs = prior_jobs(model, record, included, [size] * len(included))
-    return np.asarray(model.simulate(record, jobs)[0])
-
-
 def _first(model: Model, effect: Effect, record: Record) -> float:
     """A size for the first trial: a tenth of an input or a parameter in the same unit."""
     sizes = [np.quantile(np.abs(v), 0.98) for n, v in record.inputs.items()
@@ -417,24 +367,19 @@ def _first(model: Model, effect: Effect, record: Record) -> float:
 
 
 def _with_size(
-    model: Model, effect: Effect, record: Record, base: Array, unit: Array, goal: float
-) -> tuple[Effect, str]:
+    effect: Effect, record: Record, first: float, base: Array, unit: Array, goal: float
+) -> _Search[tuple[Effect, str]]:
     low, high = effect.bounds
-
-    def changed(size: float) -> Array | None:
-        y = _run(model, record, effect, min(max(size, low), high))
-        return y if np.isfinite(y).all() else None
-
     side = 1.0 if high > 0.0 else -1.0
-    best, size = _search(changed, side, _first(model, effect, record), base, unit, goal)
+    best, size = yield from _search(effect, side, first, base, unit, goal)
     if best is None and low < 0.0 < high:
         side = -side
-        best, size = _search(changed, side, _first(model, effect, record), base, unit, goal)
+        best, size = yield from _search(effect, side, first, base, unit, goal)
     if best is None:
         return effect, f"{effect.name}: no size of it changes record {record.name}"
     why = ""
     if low < 0.0 < high:
-        other = changed(-side * size)
+        other = yield min(max(-side * size, low), high)
         if other is None or _share(other - base, unit) < NONE:
             why = "fails" if other is None else "has no influence"
         elif _share(other - best, unit) < NONE:
@@ -450,18 +395,19 @@ def _with_size(
 
 
 def _search(
-    changed: Callable[[float], Array | None],
+    effect: Effect,
     side: float,
     size: float,
     base: Array,
     unit: Array,
     goal: float,
-) -> tuple[Array | None, float]:
+) -> _Search[tuple[Array | None, float]]:
     """The size whose change is nearest to the goal, and the outputs with it."""
+    low, high = effect.bounds
     best: Array | None = None
     at, distance = 0.0, math.inf
     for _ in range(TRIALS):
-        y = changed(side * size)
+        y = yield min(max(side * size, low), high)
         share = math.nan if y is None else _share(y - base, unit)
         if y is not None and share > NONE:
             far = abs(math.log(share / goal))

@@ -60,13 +60,7 @@ class Program:
 
 
 class _Assembly:
-    """A program that is put together.
-
-    Parameters
-    ----------
-    states, signals, constants
-        Numbers of states, of signals, and of constants of a job.
-    """
+    """A program that is put together."""
 
     def __init__(self, states: int, signals: int, constants: int):
         self.counts = states, signals, constants
@@ -75,32 +69,32 @@ class _Assembly:
         first = 1 + states + signals
         self.jobs = list(range(first, first + constants))
         """Registers."""
-        self._next = first + constants
-        self._constants: dict[float, int] = {}
+        self.registers = first + constants
+        self._known: dict[float, int] = {}
         self._places: list[int] = []
         self._values: list[float] = []
         self._parts: dict[str, list[Code]] = {"once": [], "rates": [], "shown": []}
-        self._tables: list[Array] = []
+        self.tables: list[Array] = []
 
     def constant(self, value: float) -> int:
         """Register of a constant."""
-        if value not in self._constants:
-            self._constants[value] = self._fresh([value])[0]
-        return self._constants[value]
+        if value not in self._known:
+            self._known[value] = self._fresh([value])[0]
+        return self._known[value]
 
     def _fresh(self, values: Sequence[float]) -> list[int]:
-        places = list(range(self._next, self._next + len(values)))
-        self._next += len(values)
+        places = list(range(self.registers, self.registers + len(values)))
+        self.registers += len(values)
         self._places += places
         self._values += map(float, values)
         return places
 
     def add(self, name: str, *args: int, part: str = "rates") -> int:
         """Register of one more operation."""
-        row = [NAMES.index(name), self._next, *args, 0, 0][:5]
-        self._next += 1
+        row = [NAMES.index(name), self.registers, *args, 0, 0][:5]
+        self.registers += 1
         self._parts[part].append(np.array([row], dtype=np.int32))
-        return self._next - 1
+        return self.registers - 1
 
     def total(self, registers: Sequence[int], part: str = "rates") -> int:
         """Register of a sum."""
@@ -115,67 +109,33 @@ class _Assembly:
         """Append a fragment whose inputs are these registers; the registers of its targets."""
         known = [at[key] for key in fragment.inputs] + self._fresh(list(fragment.constants))
         count = len(fragment.operations)
-        place = np.array([*known, *range(self._next, self._next + count)], dtype=np.int32)
-        self._next += count
+        place = np.array([*known, *range(self.registers, self.registers + count)], dtype=np.int32)
+        self.registers += count
         code = fragment.operations
         rows = np.empty((count, 5), dtype=np.int32)
         rows[:, 0], rows[:, 1] = code[:, 0], place[len(known) :]
         rows[:, 2:] = place[code[:, 1:]] if place.size else 0
         if fragment.tables:
             tables = np.isin(code[:, 0], TABLES)
-            rows[tables, 3] = code[tables, 2] + len(self._tables)
-            self._tables += fragment.tables
+            rows[tables, 3] = code[tables, 2] + len(self.tables)
+            self.tables += fragment.tables
         self._parts["once"].append(rows[~fragment.moving])
         self._parts[part].append(rows[fragment.moving])
         return {t: int(place[r]) for t, r in fragment.targets.items()}
 
-    def program(
-        self,
-        rate: Sequence[int],
-        by_state: Mapping[tuple[int, int], Sequence[int]],
-        by_column: Mapping[tuple[int, int], Sequence[int]],
-        output: Sequence[int],
-        output_by_state: Mapping[tuple[int, int], Sequence[int]],
-        output_by_column: Mapping[tuple[int, int], Sequence[int]],
-        *,
-        smooth: int,
-        columns: int,
-        blocks: Sequence[int],
-    ) -> Program:
-        """The program; derivatives are sums of registers by row and column."""
+    def entries(self, of: Mapping[tuple[int, int], Sequence[int]], part: str) -> Code:
+        """Sums of registers by row and column."""
+        rows = [(i, k, self.total(r, part)) for (i, k), r in of.items()]
+        return np.array(rows, dtype=np.int32).reshape(-1, 3)
 
-        def entries(of: Mapping[tuple[int, int], Sequence[int]], part: str) -> Code:
-            rows = [(i, k, self.total(r, part)) for (i, k), r in of.items()]
-            return np.array(rows, dtype=np.int32).reshape(-1, 3)
+    def code(self, part: str) -> Code:
+        """Operations of a part."""
+        return np.concatenate([np.zeros((0, 5), dtype=np.int32), *self._parts[part]])
 
-        matrices = (
-            entries(by_state, "rates"),
-            entries(by_column, "rates"),
-            np.array(output, dtype=np.int32),
-            entries(output_by_state, "shown"),
-            entries(output_by_column, "shown"),
-        )
-        code = {
-            name: np.concatenate([np.zeros((0, 5), dtype=np.int32), *rows])
-            for name, rows in self._parts.items()
-        }
-        states, signals, constants = self.counts
-        return Program(
-            states,
-            smooth,
-            columns,
-            signals,
-            constants,
-            self._next,
-            (np.array(self._places, dtype=np.int32), np.array(self._values)),
-            code["once"],
-            code["rates"],
-            code["shown"],
-            tuple(self._tables),
-            np.array(rate, dtype=np.int32),
-            *matrices,
-            tuple(blocks),
-        )
+    @property
+    def constants(self) -> tuple[NDArray[np.int32], Array]:
+        """Registers of constants, and their values."""
+        return np.array(self._places, dtype=np.int32), np.array(self._values)
 
 
 class _Builder:
@@ -243,16 +203,28 @@ class _Builder:
         a = self.assembly
         rate = [a.total(r) if r else a.constant(0.0) for r in self.rate]
         output, by_state, by_column = self._outputs(own, at, rate)
-        smooth = self.kind.derivatives or self.kind.implicit
-        return a.program(
-            rate,
-            self.by_state if smooth else {},
-            self.by_column,
-            output,
-            by_state,
-            by_column,
+        derived = self.by_state if self.kind.derivatives or self.kind.implicit else {}
+        state, column = a.entries(derived, "rates"), a.entries(self.by_column, "rates")
+        shown = a.entries(by_state, "shown"), a.entries(by_column, "shown")
+        states, signals, constants = a.counts
+        return Program(
+            states=states,
             smooth=self.smooth,
             columns=self.columns,
+            signals=signals,
+            constants_of_jobs=constants,
+            registers=a.registers,
+            constants=a.constants,
+            once=a.code("once"),
+            rates=a.code("rates"),
+            shown=a.code("shown"),
+            tables=tuple(a.tables),
+            rate=np.array(rate, dtype=np.int32),
+            output=np.array(output, dtype=np.int32),
+            by_state=state,
+            by_column=column,
+            output_by_state=shown[0],
+            output_by_column=shown[1],
             blocks=self.blocks,
         )
 

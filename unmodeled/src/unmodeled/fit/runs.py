@@ -28,16 +28,7 @@ class StoredRuns:
     Runs of another function, or with other names of inputs, outputs or parameters, are in another
     folder below the given one. ``model.json`` there says what they belong to.
 
-    Parameters
-    ----------
-    folder
-        Folder; it is created when a run is stored.
-    function
-        The simulator.
-    names
-        Names of its arguments and outputs, by kind.
-    model
-        Name of the model.
+    ``names``: those of arguments and outputs, by kind.
 
     Raises
     ------

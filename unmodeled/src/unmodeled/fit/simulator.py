@@ -239,6 +239,9 @@ class Simulator(Model):
             out.inputs = tuple(read)
         out._open = False, False
         out._runner = out._new_runner()
+        if not asked.whole:
+            columns = {n: {**first.outputs, **first.inputs}[n] for n in out.inputs}
+            out._runner.took(Run(first.name, first.time, columns, dict(point)), given)
         return out.matched(records)
 
     def _new_runner(self) -> Runner:
@@ -301,8 +304,8 @@ class Simulator(Model):
         seconds, again = runner.first(first)
         workers = self._means.workers
         if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
-            runner.start(workers)
-        runner.checked([Run.of(r, self.inputs, prior) for r in records])
+            runner.start()
+        runner.values([Run.of(r, self.inputs, prior) for r in records], must=True)
         out = copy.copy(self)
         with runner.trying():
             out.effects, sizes = sized(self, self.effects, self._unsized, records)

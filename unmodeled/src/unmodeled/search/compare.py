@@ -179,13 +179,7 @@ def _own_delay(ready: Ready, channels: Sequence[str]) -> tuple[float, str]:
 
 
 def compared(ready: Ready) -> Comparison:
-    """Compare a prepared model with its records; see :func:`check`.
-
-    Parameters
-    ----------
-    ready
-        Model and records, from :func:`~unmodeled.search.records.ready_records`.
-    """
+    """Compare a prepared model with its records; see :func:`check`."""
     model = ready.model
     runs = [(r, simulated(model, r)) for r in ready.records]
     rows = tuple(
@@ -200,11 +194,6 @@ def compared(ready: Ready) -> Comparison:
 
 def refuse(found: Comparison) -> None:
     """Refuse records with a certain error.
-
-    Parameters
-    ----------
-    found
-        Comparison of the model with the records.
 
     Raises
     ------
@@ -257,18 +246,7 @@ def simulated(
 
     A start state that is not known is the one that fits the beginning of the record best.
 
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    record
-        Measured run.
-    theta
-        Values of the parameters; None: the tabulated ones.
-    included
-        Effects that act.
-    magnitudes
-        Their magnitudes [their units].
+    Without ``theta``, the parameters have their tabulated values.
     """
     theta = np.array([p.value for p in model.parameters]) if theta is None else theta
     states = model.states(included)
@@ -345,14 +323,7 @@ def _unlike(measured: Array, outputs: Array) -> float:
 def row_of(record: Record, name: str, model: Array) -> Compared:
     """Numbers of one channel of a record beside the outputs of the model.
 
-    Parameters
-    ----------
-    record
-        Measured run.
-    name
-        Name of the channel.
-    model
-        Its values in the model at the times of the record.
+    ``model``: its values in the model at the times of the record.
     """
     measured, sensor = record.outputs[name], record.sensors[name]
     noise = noise_of_channel(record, name).sd_of_measured(record.time, measured)
@@ -461,17 +432,7 @@ _CLOCKS = (
 
 
 def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
-    """Hints about the differences; a certain one rests on parameters with small tolerances.
-
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    runs
-        Records, each with the outputs of the tabulated model.
-    rows
-        Channels of the records beside the model.
-    """
+    """Hints about the differences; a certain one rests on parameters with small tolerances."""
     if wraps := [*_wraps(runs)]:
         return tuple(wraps)
     size = _size_of_tolerances(model)
@@ -681,9 +642,11 @@ def _better_orders(
     record: Record, outputs: Mapping[str, Array], rows: Sequence[Compared]
 ) -> Iterator[tuple[tuple[str, str], ...]]:
     """Channels in one unit that other outputs of the model explain far better, and these."""
-    from scipy.optimize import linear_sum_assignment
-
     cost = _left_by_pair(record, outputs, rows)
+    if np.all(np.diag(cost) <= cost.min(axis=1, initial=np.inf)):  # no order leaves less
+        return
+    from scipy.optimize import linear_sum_assignment  # takes 0.2 s to start
+
     order = linear_sum_assignment(cost)[1].tolist()
     for cycle in _cycles(order):
         cycle = sorted(cycle, key=lambda k: rows[k].channel)

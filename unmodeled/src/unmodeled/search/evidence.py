@@ -47,9 +47,12 @@ class Fitted:
     @cached_property
     def effective(self) -> float:
         """Effective share of the samples for the likelihood [1]."""
-        return effective_share(
-            [x.residual[:, c] / self.noise[c] for x in self.linears for c in range(self.noise.size)]
-        )
+        return effective_share(self.linears, self.noise)
+
+    @cached_property
+    def evidence_known(self) -> dict[tuple[int, bytes], tuple[Problem, float]]:
+        """Log evidence by problem and weights: most comparisons are made again in the next step."""
+        return {}
 
     @property
     def residuals(self) -> tuple[Array, ...]:
@@ -62,29 +65,25 @@ class Fitted:
         return np.asarray(sum((x.residual**2).sum(axis=0) for x in self.linears))
 
 
-def effective_share(series: Sequence[Array]) -> float:
-    """Share of independent samples of series of unit size (one for each record and channel).
+def effective_share(linears: Sequence[Linear], noise: Array) -> float:
+    """Share of independent samples of the residuals of records, in units of a noise by channel.
 
     1 / (1 + 2 max(a, b)): a, sum of the autocorrelations up to the first pair that is not positive
     (Geyer, Statistical Science 7, 1992, 473), for slow residuals; b, sum of their squares
     (Bartlett 1946), for narrow bands, where the autocorrelation changes its sign.
-
-    Parameters
-    ----------
-    series
-        Residuals, each (n,).
     """
-    longest = max((len(x) for x in series), default=0)
-    power = sum(float(x @ x) for x in series)
+    lengths = [len(x.residual) for x in linears]
+    longest, count = max(lengths), noise.size * sum(lengths)
+    size = 1 << int(2 * longest - 1).bit_length()  # with zeros, so that the ends do not meet
+    spectrum = np.asarray(sum(x.spectrum(size) for x in linears)) @ noise**-2
+    power = float(sum((x.residual**2).sum(axis=0) for x in linears) @ noise**-2)
     if power == 0.0 or longest < 4:
         return 1.0
-    size = 1 << int(2 * longest - 1).bit_length()
-    spectrum = sum(np.abs(np.fft.rfft(x, size)) ** 2 for x in series)
     rho = np.fft.irfft(spectrum, size)[1 : max(2, longest // 2)] / power
     pairs = rho[: len(rho) // 2 * 2].reshape(-1, 2).sum(axis=1)
     ends = np.flatnonzero(pairs <= 0.0)
     slow = float(pairs[: ends[0] if len(ends) else None].sum())
-    band = float(np.maximum(rho**2 - 1.0 / sum(len(x) for x in series), 0.0).sum())
+    band = float(np.maximum(rho**2 - 1.0 / count, 0.0).sum())
     return 1.0 / (1.0 + 2.0 * max(slow, band, 0.0))
 
 
@@ -315,13 +314,15 @@ def best_of(problem: Problem, sets: Sequence[Fitted]) -> Fitted:
 def log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     """Log evidence of a fitted set and its prior odds, up to a constant of the records.
 
-    Parameters
-    ----------
-    problem, fitted
-        The problem and the set.
-    weight
-        Weight of a sample by channel, (m,).
+    ``weight``: that of a sample by channel, (m,).
     """
+    key = id(problem), weight.tobytes()
+    if key not in fitted.evidence_known:
+        fitted.evidence_known[key] = problem, _log_evidence(problem, fitted, weight)
+    return fitted.evidence_known[key][1]
+
+
+def _log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     members, point = fitted.members, fitted.point
     left = problem.samples * np.log(fitted.noise) + 0.5 * fitted.squares / fitted.noise**2
     prior, x = prior_of(problem, members), point.x

@@ -18,6 +18,7 @@ from unmodeled.search.evidence import (
     Prior,
     System,
     best_of,
+    effective_share,
     local_penalty,
     log_odds,
     misfit,
@@ -204,7 +205,7 @@ def _taken(
     noise: Array,
 ) -> float:
     """Share of the samples that the fit took as degrees of freedom of the global unknowns."""
-    share = Fitted(members, point, tuple(linears), noise).effective
+    share = effective_share(linears, noise)
     own = system(problem, problem.fit, members, point, linears, noise, share)
     weight = prior_of(problem, members).weights(point.x)
     taken = float(np.trace(np.linalg.solve(own.matrix + np.diag(weight), own.matrix)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -84,6 +84,17 @@ class Linear:
         )
         by_channel = np.moveaxis(columns, 1, 0)
         return np.asarray(np.swapaxes(by_channel, 1, 2) @ by_channel)
+
+    @cached_property
+    def spectra(self) -> dict[int, Array]:
+        """Power of the residual by frequency and channel, by the length of the transform."""
+        return {}
+
+    def spectrum(self, length: int) -> Array:
+        """Power of the residual by frequency and channel, (k, m)."""
+        if length not in self.spectra:
+            self.spectra[length] = np.abs(np.fft.rfft(self.residual, length, axis=0)) ** 2
+        return self.spectra[length]
 
     @property
     def failed(self) -> bool:
@@ -366,6 +377,7 @@ def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
 NARROW, WIDE = 0.35, 1.2
 
 
+@lru_cache(maxsize=1000)
 def movable(effect: Effect) -> tuple[int, ...]:
     """Indices of the numbers of a shape that may take any value: (0,) if the shape is one number.
 
@@ -385,6 +397,7 @@ def movable(effect: Effect) -> tuple[int, ...]:
     return tuple(found)
 
 
+@lru_cache(maxsize=1000)
 def spread_of(effect: Effect, place: int) -> float:
     """Standard deviation of the prior of the logarithm of one number of a shape [1].
 

@@ -51,15 +51,7 @@ def _events_of(problem: Problem, observed: Observed) -> list[tuple[str, float]]:
 
 
 def cells(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Cell, ...]:
-    """Residuals by record, part between events, and channel, without and with the told causes.
-
-    Parameters
-    ----------
-    problem
-        The problem.
-    alone, best
-        The model alone, and the told set.
-    """
+    """Residuals by record, part between events, and channel, without and with the told causes."""
     out = []
     for r, o in enumerate(problem.fit):
         time, n = o.record.time, o.end
@@ -83,15 +75,7 @@ def cells(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Cell, ...]:
 
 
 def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
-    """Delays of the records near the events of the model, by local regression.
-
-    Parameters
-    ----------
-    problem
-        The problem.
-    alone, best
-        The model alone, and the told set.
-    """
+    """Delays of the records near the events of the model, by local regression."""
     out = []
     for r, o in enumerate(problem.fit):
         time, known = o.record.time, _events_of(problem, o)
@@ -140,11 +124,6 @@ def places(problem: Problem, fitted: Fitted) -> tuple[Place, ...]:
     """Places where something unknown would explain what a set leaves, best explanation first.
 
     Ports of the model; without ports, the components of the listed effects.
-
-    Parameters
-    ----------
-    problem, fitted
-        The problem and the set.
     """
     with np.errstate(all="ignore"):
         tested = [

@@ -43,14 +43,7 @@ class Stop(Exception):
 class Limit:
     """A time after which no step begins, and before which none begins that would end after it.
 
-    Parameters
-    ----------
-    end
-        End [s], by ``clock``.
-    step
-        Is called before each step.
-    clock
-        Time [s].
+    ``end`` is a time of ``clock`` [s]; ``step`` is called before each step.
     """
 
     def __init__(
@@ -120,13 +113,7 @@ class Meter:
         self._stopped = False
 
     def stage(self, name: str) -> None:
-        """A stage begins, or another round of it.
-
-        Parameters
-        ----------
-        name
-            Name of the stage.
-        """
+        """A stage begins, or another round of it."""
         now = self._clock()
         if name != self._stage:
             self._share = max(self._state(now).share, ENDS[self._stage])

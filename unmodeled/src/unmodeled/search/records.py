@@ -43,13 +43,6 @@ AFTER = 0.03
 def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
     """Model and records, checked and prepared, with notes about what was assumed.
 
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    records
-        Measured runs; at least one.
-
     Raises
     ------
     DataError
@@ -119,16 +112,7 @@ def prepare(
 ) -> Problem:
     """The problem of a diagnosis.
 
-    Parameters
-    ----------
-    ready
-        Model and records, see :func:`ready_records`.
-    effects
-        Effects that the model may lack.
-    hold_out
-        Names of the held-out records; None: see :func:`split_records`.
-    options
-        Options of the diagnosis.
+    ``hold_out``: names of the held-out records; None: see :func:`split_records`.
 
     Raises
     ------
@@ -146,13 +130,6 @@ def same_number(model: Model, effect: Effect) -> int | None:
 
     A diagnosis has one unknown for both: two would share one deviation, and neither of them would
     be its size.
-
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    effect
-        An effect.
     """
     for i, p in enumerate(model.parameters):
         if p.name == effect.tolerance_parameter and 0.0 < p.sd < math.inf:
@@ -257,16 +234,7 @@ def causes_of(
 ) -> tuple[Cause, ...]:
     """Effects, errors of each record, and parameters outside their tolerances, with prior odds.
 
-    Parameters
-    ----------
-    model
-        Model of the machine.
-    effects
-        Effects that it may lack.
-    missing
-        Prior probability that one of these causes exists [1].
-    of_records
-        Errors of the records.
+    ``missing``: prior probability that one of these causes exists [1].
     """
     covered = {e.tolerance_parameter for e in effects}
     free = [
@@ -333,13 +301,7 @@ def _observed(
 
 
 def _noise_levels(records: Sequence[Record]) -> dict[str, float]:
-    """Noise of each sensor, pooled over the records: one sensor has one noise [its unit].
-
-    Parameters
-    ----------
-    records
-        Measured runs.
-    """
+    """Noise of each sensor, pooled over the records: one sensor has one noise [its unit]."""
     found: dict[str, list[tuple[bool, float]]] = {}
     for r in records:
         for name, values in r.outputs.items():
@@ -357,15 +319,8 @@ def noise_of_channel(record: Record, name: str, pooled: float | None = None) -> 
 
     An estimate is at least the rounding error of the smallest step between two values.
 
-    Parameters
-    ----------
-    record
-        Record with the channel.
-    name
-        Name of an output of the record.
-    pooled
-        Noise of the sensor in all records, unless the record states it [its unit]; None: it is
-        estimated from this record.
+    ``pooled``: noise of the sensor in all records, unless the record states it [its unit]; None: it
+    is estimated from this record.
     """
     sensor, values = record.sensors[name], record.outputs[name]
     sigma = sensor.sigma
@@ -405,12 +360,7 @@ def split_records(
     blocks if there are less than 100 samples): both parts keep all times, and the outputs of the
     other blocks are removed.
 
-    Parameters
-    ----------
-    records
-        All records.
-    hold_out
-        Names of held-out records; () holds nothing out; None: as above.
+    ``hold_out``: names; () holds nothing out, and None is as above.
     """
     held = _held(records, hold_out)
     kept = [r for r in records if r not in held]
@@ -480,12 +430,7 @@ SPIKE = 15.0, 0.1
 def check_records(records: Sequence[Record], model: Model | None = None) -> list[str]:
     """Check the clocks and the numbers of records; returns notes.
 
-    Parameters
-    ----------
-    records
-        Measured runs; at least one.
-    model
-        Model with which they are compared; None: only the records are checked.
+    Without a model, only the records are checked.
 
     Raises
     ------

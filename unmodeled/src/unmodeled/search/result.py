@@ -121,11 +121,6 @@ def worst_of(channels: Sequence[Channel]) -> int:
     """Index of the channel that the calibrated model misses most, else the tabulated model.
 
     A channel of which only the noise is missed is the worst one only if all are so.
-
-    Parameters
-    ----------
-    channels
-        All channels.
     """
 
     def badness(c: Channel) -> tuple[float, float]:

@@ -135,13 +135,6 @@ def pairs(
     """Pairs of effects that take away more together than the best one, best first.
 
     Their gain is that of orthogonal least squares; no simulation is needed.
-
-    Parameters
-    ----------
-    problem, fitted, seen
-        The problem, the set, and the directions at it.
-    ranked
-        Scores of single causes.
     """
     own = [s for s in ranked if s.further >= 0][:PAIRED]
     if len(own) < 2:
@@ -179,13 +172,6 @@ def equivalents(
     problem: Problem, fitted: Fitted, seen: Directions, member: int
 ) -> list[tuple[Score, float]]:
     """Causes whose column is parallel to that of a member of a set, the others projected out.
-
-    Parameters
-    ----------
-    problem, fitted, seen
-        The problem, the set, and the directions at it.
-    member
-        Cause of the set with a global unknown.
 
     Returns
     -------
@@ -286,13 +272,6 @@ def by_record(problem: Problem, fitted: Fitted, k: int) -> tuple[Array, Array]:
 
     A true effect has the same magnitude in every record; an imitation of something that no
     candidate has changes with the motion. No simulation is needed.
-
-    Parameters
-    ----------
-    problem, fitted
-        The problem and a fitted set.
-    k
-        Index among the global unknowns.
 
     Returns
     -------

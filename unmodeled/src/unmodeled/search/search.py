@@ -88,13 +88,7 @@ class Searched:
 
 
 def rank(problem: Problem, sets: Sequence[Fitted]) -> tuple[list[Fitted], Array]:
-    """Sets in the order of their posterior probability, and these probabilities.
-
-    Parameters
-    ----------
-    problem, sets
-        The problem and fitted sets.
-    """
+    """Sets in the order of their posterior probability, and these probabilities."""
     best = best_of(problem, sets)
     values = np.array([log_odds(problem, s, best) for s in sets])
     order = np.argsort(-values, kind="stable")
@@ -110,16 +104,7 @@ def search(
 ) -> Searched:
     """Search the sets of causes.
 
-    Parameters
-    ----------
-    problem
-        Model, causes and records.
-    options
-        Options of the diagnosis.
-    tell
-        Is called with the stage.
-    step
-        Is called before each simulation of all fits that proceed together.
+    ``tell`` is called with the stage, and ``step`` before each simulation.
 
     Raises
     ------
@@ -157,14 +142,7 @@ def model_alone(
     records are fitted: the end of a record depends more strongly on the unknowns than its
     beginning, so that a fit of whole records from poor values may end far from the best one.
 
-    Parameters
-    ----------
-    problem
-        Model and records.
-    step
-        Is called before each simulation.
-    rough
-        Whether the end of the fit does not matter.
+    ``rough``: whether the end of the fit does not matter.
 
     Raises
     ------
@@ -334,17 +312,7 @@ def _refit(
 def without_one(
     found: Searched, fitted: Fitted, check: Callable[[], None] = lambda: None
 ) -> list[Fitted | None]:
-    """Every set with one cause less, fitted from the parameters of the larger set.
-
-    Parameters
-    ----------
-    found
-        All sets; the new ones are added.
-    fitted
-        The larger set.
-    check
-        Is called before each simulation.
-    """
+    """Add every set with one cause less, fitted from the parameters of the larger set."""
     jobs: list[Job] = [
         (tuple(m for m in fitted.members if m is not out), fitted, ()) for out in fitted.members
     ]

@@ -77,18 +77,8 @@ def judge(
 ) -> Result:
     """The result of a search.
 
-    Parameters
-    ----------
-    searched
-        Fitted sets of causes.
-    options
-        Options of the diagnosis.
-    seconds
-        Time that preparation and search took [s].
-    tell
-        Is called with the stage.
-    check
-        Is called before each simulation of all fits that proceed together; may raise ``Stop``.
+    ``seconds``: time that preparation and search took [s]. ``check`` is called before each
+    simulation of all fits that proceed together; it may raise ``Stop``.
     """
     shown = searched.problem
     tell("held_out")
