@@ -364,6 +364,7 @@ REASONS = {
     Reason.NO_HELD_OUT_GAIN: ((HARD, HARD, {}), 0, {}),
     Reason.NOT_PREDICTED: ((HARD, HARD, HARD), 3, {"progress": _stopped("held_out")}),
     Reason.CALIBRATION_PREDICTS_WORSE: ((FOREIGN, FOREIGN, {}), 3, {}),
+    Reason.NOTHING_INSIDE: ((HARD, HARD, HARD), 3, {}),
     Reason.NOT_COMPLETE: ((HARD, HARD, HARD), 3, {"options": Options(seconds=1e-6)}),
     Reason.INTERRUPTED: ((HARD, HARD, HARD), 3, {"progress": _stopped("search")}),
 }  # fmt: skip
@@ -379,6 +380,8 @@ def test_each_reason_is_reached_by_a_diagnosis(spring, causes, reason):
     if reason is Reason.CALIBRATION_PREDICTS_WORSE:
         k = Parameter(name="k", value=100.0, sd=5.0, unit="N/m")
         spring = spring.with_parameters({"k": k})
+    if reason is Reason.NOTHING_INSIDE:
+        causes = ["sensor force"]
     result = diagnose(spring, causes, records, **options)
     assert reason in result.reasons
     if reason is Reason.NO_HELD_OUT_GAIN:  # a record at rest does not refuse the right cause

@@ -10,7 +10,7 @@ import pytest
 from unmodeled import Equations, Options, Record, Sensor, Simulator, diagnose
 from unmodeled.library import bouc_wen, second_store
 from unmodeled.search.records import prepare, ready_records
-from unmodeled.search.result import Verdict
+from unmodeled.search.result import Reason, Verdict
 from unmodeled.search.verdict import _need
 
 from .conftest import spring_record
@@ -166,4 +166,5 @@ def test_what_is_less_probable_than_nothing_is_not_supported():
     probability = {s.causes: s.probability for s in report.sets}
     assert max(probability, key=lambda s: probability[s]) == ()
     assert (report.verdict, report.supported) == (Verdict.UNKNOWN, ())
-    assert any("none acts inside the model" in note for note in report.notes)
+    assert Reason.NOTHING_INSIDE in report.reasons
+    assert "Name what may act inside the model" in " ".join(str(report).split())

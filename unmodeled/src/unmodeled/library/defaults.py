@@ -95,17 +95,9 @@ def _note(kept: Sequence[Effect], out: Sequence[str], records: Sequence[Record])
     listed = ", ".join(f"{count} of {part}" for part, count in counted.items())
     left = f"; left out: {', '.join(out)}" if out else ""
     names = ", ".join(dict.fromkeys(r.name for r in records))
-    outside = ""
-    ends = {f"input {n}" for r in records for n in r.inputs}
-    ends |= {f"sensor {n}" for r in records for n in r.outputs}
-    if not out and {*counted} <= ends:
-        outside = (
-            "; none acts inside the model, which names no place for them: coordinates= "
-            "of equations, unknown= of a function (--unknown friction='N m')"
-        )
     return (
         f"effects tested: {len(kept)} ({listed or 'none'}), with sizes from {names}{left}; "
-        f"effects= and exclude= change the choice{outside}"
+        "effects= and exclude= change the choice"
     )
 
 

@@ -141,6 +141,10 @@ def _statement(result: Result) -> str:
         first = f"No cause is missing: {misses}."
     else:
         first = f"No cause was found before the search ended: {misses}."
+    if Reason.NOTHING_INSIDE in result.reasons:
+        first += (
+            " No effect inside the model was tested; errors of inputs and sensors may imitate one."
+        )
     return f"{first} {_remains(result)}"
 
 
@@ -341,6 +345,11 @@ def _next(result: Result) -> list[str]:
     """Actions, the most useful first."""
     first = ["Check units, signs and columns: a constant would be nearer to the records."]
     steps = first if result.worst.calibrated > result.worst.motion > 0.0 else []
+    if Reason.NOTHING_INSIDE in result.reasons:
+        steps.append(
+            "Name what may act inside the model: a parameter of a function that is zero without it "
+            "(--unknown friction='N m', in Python unknown=), or coordinates= of equations."
+        )
     for c in result.changes:
         if c.tier == "fitted":
             steps.append(_repair(c))

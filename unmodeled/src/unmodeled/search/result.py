@@ -72,6 +72,7 @@ class Reason(Enum):
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     NOT_PREDICTED = "held-out records are not predicted"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
+    NOTHING_INSIDE = "no listed effect acts inside the model"
     NOT_COMPLETE = "the search was ended before its end"
     INTERRUPTED = "the search was interrupted"
 

@@ -33,7 +33,7 @@ from unmodeled.search.linear import (
 )
 from unmodeled.search.locate import cells, events, most_different, places
 from unmodeled.search.options import Options
-from unmodeled.search.problem import STRICT, Problem, rms_of, spread
+from unmodeled.search.problem import STRICT, Cause, Problem, rms_of, spread
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import (
     Channel,
@@ -128,7 +128,8 @@ def judge(
     order = dict.fromkeys((*(s.cause for s in searched.first), *range(len(problem.causes))))
     tell("locate")
     ports: tuple[Place, ...] = ()
-    if any(c.material for c in channels):
+    material = [c.material for c in channels]
+    if any(material):
         try:
             check()
             ports = places(problem, best)
@@ -143,6 +144,8 @@ def judge(
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
         Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
         Reason.NOT_PREDICTED: lost,
+        Reason.NOTHING_INSIDE: bool(told or classes or supported or any(material))
+        and not any(_inside(problem, c) for c in problem.causes),
     }
     unknowns, correlation = _correlation(problem, best)
     parameters = _parameters(problem, best)
@@ -206,6 +209,12 @@ def judge(
         else (),
         traces=_traces(problem, shown, alone, best, channels),
     )
+
+
+def _inside(problem: Problem, cause: Cause) -> bool:
+    """Whether a cause acts inside the model, not at an input or a sensor; no parameter does."""
+    inputs = {f"input {n}" for o in problem.fit for n in o.record.inputs}
+    return not (cause.of_records or cause.parameter is not None or cause.component in inputs)
 
 
 def _interrupted(reason: BaseException | None) -> bool:
