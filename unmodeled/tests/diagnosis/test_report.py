@@ -300,6 +300,15 @@ def test_a_place_that_explains_little_is_not_told(report):
     assert "tip joint" not in replace(report, places=weak).text()
 
 
+def test_equal_numbers_are_not_opposed(report):
+    """What remains, 1.04 %, and what would be good enough, 1 %, have the same digits."""
+    little = replace(report.channels[0], explained=5.2e-3)
+    text = str(replace(report, channels=(little, report.channels[1])))
+    assert "1 % of angle, 5.2 times the noise; a little less would be good enough." in " ".join(
+        text.split()
+    )
+
+
 def test_a_channel_that_does_not_move_is_told_in_its_unit(report):
     still = replace(
         report, channels=(replace(report.channels[0], motion=0.0),), places=(), without=()

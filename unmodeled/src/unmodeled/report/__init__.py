@@ -188,9 +188,10 @@ def _remains(result: Result) -> str:
         return f"The rest, {times_noise(c) or part(c, c.explained)}, does not matter."
     c = max(material, key=lambda c: c.explained / c.limit)
     more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
-    enough = part(c, c.limit)
+    left, enough = part(c, c.explained), part(c, c.limit)
+    enough = "a little less" if enough == left else enough
     return (
-        f"The rest matters: {part(c, c.explained)} of {c.name}{more}"
+        f"The rest matters: {left} of {c.name}{more}"
         f"{', ' * bool(times_noise(c))}{times_noise(c)}; {enough} would be good enough."
     )
 
