@@ -317,8 +317,22 @@ stamp() { printf '%s\n' "$2" >"$venv/feltmb.$1"; }
 # The tree of the build, unless this clone was at another place then.
 tree_is_here() { grep -q -x -F "CMAKE_HOME_DIRECTORY:INTERNAL=$root" build/wheel/CMakeCache.txt 2>/dev/null; }
 
+# Most packages are fetched and unpacked while the core compiles. The wheel is installed by itself first, since pip
+# leaves an older build with the same version as it is.
+build_and_install() {
+  local fetching fetched=0 built=0
+  pip install --no-build-isolation "$of_unmodeled" &
+  fetching=$!
+  rm -rf build/wheels
+  pip wheel --no-build-isolation --no-deps --wheel-dir build/wheels "${strict[@]}" . || built=$?
+  wait $fetching || fetched=$?
+  [ $((fetched + built)) = 0 ] &&
+    pip install --force-reinstall --no-deps build/wheels/feltmb-*.whl &&
+    pip install "$(echo build/wheels/feltmb-*.whl)[$extra]"
+}
+
 install_package() {
-  local target='.[live]' sources dependencies requirements strict=()
+  local extra=live of_unmodeled=./unmodeled sources dependencies requirements strict=()
   sources=$(fingerprint)
   dependencies=$(cat pyproject.toml unmodeled/pyproject.toml | sha256sum)
   if fresh sources "$sources" && { [ "$with_tests" = no ] || { fresh tests "$dependencies" && tree_is_here; }; } &&
@@ -327,7 +341,9 @@ install_package() {
     return 0
   fi
   # tools/test.sh links its C++ tests to this core, in which warnings are errors.
-  [ "$with_tests" = no ] || target='.[test]' strict=(--config-settings=cmake.define.FELTMB_WERROR=ON)
+  if [ "$with_tests" = yes ]; then
+    extra='test' of_unmodeled='./unmodeled[test]' strict=(--config-settings=cmake.define.FELTMB_WERROR=ON)
+  fi
   rm -f "$venv"/feltmb.sources
   mapfile -t requirements < <(build_requirements)
   "$vpy" -c 'import feltmb' 2>/dev/null ||
@@ -335,9 +351,7 @@ install_package() {
   # Built with the environment's own tools: an isolated build would compile everything anew.
   step 'build tools' pip install "${requirements[@]}" ||
     die 'The build tools could not be installed.'
-  # Both at once, so that pip takes the unmodeled of this clone for that which feltmb requires.
-  step "unmodeled and feltmb (compiling with $CMAKE_BUILD_PARALLEL_LEVEL at a time)" \
-    pip install --no-build-isolation "${strict[@]}" ./unmodeled "$target" ||
+  step "unmodeled and feltmb (compiling with $CMAKE_BUILD_PARALLEL_LEVEL at a time)" build_and_install ||
     die 'unmodeled and feltmb could not be built or installed.'
   step 'import check' "$vpy" -c 'import feltmb, feltmb._core' ||
     die 'feltmb was installed and cannot be imported.'

@@ -1,16 +1,18 @@
 #!/usr/bin/env bash
 # The same set-up as run.sh, then formatting, lint, types, every test in C++ and Python, and the site:
 #   bash tools/test.sh [--slow] [options of pytest]
-# --slow adds the tests marked slow and runs the notebooks of the site. Each part runs even when another failed.
+# --slow adds the tests marked slow, runs the notebooks of the site and compiles the benches of speed. Each part runs even when another failed.
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 
 pytest_options=()
 site_options=(--fast)
+benches=OFF
 for argument in "$@"; do
   if [ "$argument" = --slow ]; then
     pytest_options+=(-m 'slow or not slow')
     site_options=()
+    benches=ON
   else
     pytest_options+=("$argument")
   fi
@@ -82,7 +84,7 @@ build_cpp_tests() {
   cmake=$(sed -n 's/^CMAKE_COMMAND:INTERNAL=//p' build/wheel/CMakeCache.txt 2>/dev/null || true)
   cmake=${cmake:-cmake}
   step 'configuring' "$cmake" -S . -B build/wheel -DCMAKE_BUILD_TYPE=Release -DFELTMB_TESTS=ON \
-    -DFELTMB_BENCH=ON -DFELTMB_WERROR=ON &&
+    -DFELTMB_BENCH="$benches" -DFELTMB_WERROR=ON &&
     step "compiling ($CMAKE_BUILD_PARALLEL_LEVEL at a time)" "$cmake" --build build/wheel
 }
 

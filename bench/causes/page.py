@@ -11,8 +11,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from scipy.stats import binomtest
-
 from blind.marks import Answer
 
 __all__ = ["of_tier", "rate", "read", "write_page"]
@@ -47,6 +45,8 @@ def rate(hits: int, count: int) -> tuple[float, float, float]:
     """Share with its 95 % interval of Clopper and Pearson."""
     if count == 0:
         return math.nan, 0.0, 1.0
+    from scipy.stats import binomtest  # slow to import, and every engine imports this file
+
     interval = binomtest(hits, count).proportion_ci(method="exact")
     return hits / count, float(interval.low), float(interval.high)
 

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
@@ -198,6 +197,8 @@ def simulate(table: Table, given: Values, p: Values, e: Values) -> dict[str, Arr
 
 def _lagged_between(time: Array, y: Array, constant: Array) -> Array:
     """Lag of a channel at eight points a sample, exact between the samples too."""
+    from scipy.interpolate import CubicSpline  # slow to import
+
     fine = np.linspace(time[0], time[-1], 8 * (time.size - 1) + 1)
     return lagged(fine, np.asarray(CubicSpline(time, y)(fine)), constant)[::8]
 

@@ -257,46 +257,45 @@ class SlowPress:
 
         n, scale, tau = self.n, self.scale, self._tau
         drag = eta * (1e-3 * _FELT) / scale**2
+        drags = np.diag(drag)
 
-        def residual(x: Array, f: float) -> Array:
+        def residual(x: Array, f: float) -> tuple[Array, Array, float]:
             self.evaluations += 1
             out = _core.evaluate(mechanism, x, (x - anchor) / tau, f)["force"]
-            balance = (out - drag * (x - anchor)) * scale / _FELT  # N
-            return np.append(balance, (self.height(x) - self._origin - travel) / _FELT)
+            r = np.empty(n + 1)
+            r[:n] = (out - drag * (x - anchor)) * scale / _FELT  # N
+            r[n] = (self.height(x) - self._origin - travel) / _FELT
+            return out, r, math.sqrt(r @ r)
 
-        r = residual(q, force)
-        size = float(np.linalg.norm(r))
+        out, r, size = residual(q, force)
         matrix = np.zeros((n + 1, n + 1))
         for _ in range(30):
             if size < 1e-8:
                 return q, force
-            stiffness, damping = _core.jacobian_blocks(mechanism, q, (q - anchor) / tau, force)
+            rate = (q - anchor) / tau
+            stiffness, damping = _core.jacobian_blocks(mechanism, q, rate, force)
             # The equations are linear in the finger force.
-            pull = (
-                _core.evaluate(mechanism, q, (q - anchor) / tau, force + 1.0)["force"]
-                - _core.evaluate(mechanism, q, (q - anchor) / tau, force)["force"]
-            )
-            self.evaluations += 2
-            block = stiffness + damping / tau - np.diag(drag)
+            pull = _core.evaluate(mechanism, q, rate, force + 1.0)["force"] - out
+            self.evaluations += 1
+            block = stiffness + damping / tau - drags
             matrix[:n, :n] = block * scale[None, :] * scale[:, None] / _FELT
             matrix[:n, n] = matrix[n, :n] = pull * scale / _FELT
             try:
                 dx = np.linalg.solve(matrix, -r)
             except np.linalg.LinAlgError:
                 return None
-            largest = float(np.max(np.abs(dx[:n])))
+            largest = float(np.abs(dx[:n]).max())
             part = min(1.0, 0.5 / largest) if largest > 0.0 else 1.0
             for _ in range(10):
                 x = q + part * dx[:n] * scale
                 f = force + part * dx[n]
                 trial = residual(x, f)
-                norm = float(np.linalg.norm(trial))
-                if norm < (1.0 - 1e-4 * part) * size:
+                if trial[2] < (1.0 - 1e-4 * part) * size:
                     break
                 part *= 0.4
             else:
                 break
-            q, force, r, size = x, f, trial, norm
+            q, force, (out, r, size) = x, f, trial
         return (q, force) if size < 1e-6 else None
 
     def state(self) -> dict[int, tuple[float, float]]:

@@ -208,7 +208,8 @@ def test_a_screw_of_the_frame_has_a_ring(tmp_path):
     assert page.work == ("Turn the let-off button half a turn up.",)
 
 
-def test_dollar_signs_are_no_mathematics(tmp_path):
+def test_dollar_signs_are_no_mathematics(tmp_path, monkeypatch):
+    monkeypatch.setattr("feltmb.action.touch.static.STEP", 1e-4)  # of its curves no number matters
     page = customer_page(
         result(tmp_path, KEY), "steinway45", title="From $x_{ to $y", workshop="A$$ & B$",
         done=["Paid $5_ and $6^."],

@@ -25,6 +25,11 @@ from feltmb.run.quasistatic import (
 )
 
 
+def coarsen(patch):
+    """Four times longer steps, where words and pictures matter and no number does."""
+    patch.setattr("feltmb.action.touch.static.STEP", 1e-4)
+
+
 @pytest.fixture(scope="module")
 def measured(action):
     return touch(action, forces=(1.5, 3.0, 12.0), speeds=(0.1, 0.3, 0.6))
@@ -217,7 +222,8 @@ def test_ten_grams_on_the_key_front_are_ten_gram_force(action, measured):
     assert leaded.friction == pytest.approx(measured.static.friction, rel=0.01)
 
 
-def test_without_butt_spring_the_key_is_lighter(action, measured):
+def test_without_butt_spring_the_key_is_lighter(action, measured, monkeypatch):
+    coarsen(monkeypatch)
     loose = static_touch(action.with_values({"springs.butt_spring.enabled": False}))
     assert loose.balance_weight < measured.static.balance_weight - 0.05
 
@@ -236,7 +242,8 @@ def test_curve_as_data(measured):
     assert press["hammer_gap"].iloc[0] == pytest.approx(48.23e-3, abs=0.02e-3)
 
 
-def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action):
+def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action, monkeypatch):
+    coarsen(monkeypatch)
     away = action.with_values({"surfaces.Gp10.point.y": 0.09})
     with pytest.raises(Error, match=r"does not meet the let-off button.*feltmb regulate"):
         static_touch(away)
@@ -244,7 +251,9 @@ def test_an_action_that_cannot_be_measured_is_told_with_a_hint(action):
 
 @pytest.fixture(scope="module")
 def without_bottom(action):
-    return touch(action.with_values({"surfaces.Gp3.point.y": -0.06}), forces=(8.0,), speeds=())
+    with pytest.MonkeyPatch.context() as patch:
+        coarsen(patch)
+        return touch(action.with_values({"surfaces.Gp3.point.y": -0.06}), forces=(8.0,), speeds=())
 
 
 def test_a_touch_without_a_key_bottom_has_pictures(without_bottom, tmp_path):
@@ -260,8 +269,9 @@ def test_a_touch_without_a_key_bottom_has_pictures(without_bottom, tmp_path):
     ],
 )
 def test_an_action_that_is_not_regulated_has_weights_and_notes(
-    action, without_bottom, note, missing
+    action, without_bottom, note, missing, monkeypatch
 ):
+    coarsen(monkeypatch)
     if missing == "bottom_travel":
         static = without_bottom.static
     else:
@@ -322,7 +332,8 @@ def test_struck_is_shorter_than_pressed(measured):
     assert measured["struck_shorter"] > 0.0
 
 
-def test_too_soft_a_blow_says_so(action):
+def test_too_soft_a_blow_says_so(action, monkeypatch):
+    coarsen(monkeypatch)
     result = touch(action, forces=(0.5, 3.0), speeds=())
     soft, loud = result.strikes
     assert soft.hammer_speed is None
@@ -371,6 +382,7 @@ def test_pictures(measured, tmp_path):
 
 def test_pictures_of_before_and_after(action, measured, tmp_path, monkeypatch):
     """Both mechanisms are drawn with their own numbers, and the legend tells which is which."""
+    coarsen(monkeypatch)
     lower = static_touch(action.with_values({"surfaces.Gp10.point.y -=": "0.1 mm"}))
     faster = tuple(
         replace(s, hammer_speed=s.hammer_speed and 2 * s.hammer_speed) for s in measured.strikes

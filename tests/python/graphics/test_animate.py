@@ -42,6 +42,7 @@ def test_gif_has_the_asked_pictures_at_the_asked_speed(run, tmp_path):
         assert 0.0005 < changed < 0.2
 
 
+@pytest.mark.slow
 def test_gif_of_the_forte_stroke_is_small(run, tmp_path):
     assert animate(run, tmp_path / "forte.gif").stat().st_size < 4e6
 

@@ -188,7 +188,8 @@ def test_energy_without_ledger_shows_the_stored_parts_only(action):
 
 def test_a_loop_with_too_few_samples_says_so(action):
     """At 10 kHz the jack leather and the string are polygons; `--plot` takes 40 kHz."""
-    coarse = plot.loops(feltmb.simulate(action, "forte", 0.12))
+    run = feltmb.simulate(action, "forte", 0.12)
+    coarse = plot.loops(run)
     assert "Samples every 0.1 ms are few for contacts 4, 6" in coarse.get_supxlabel()
     assert plot.picture_rate(0.12, 1e4) == 40e3
     assert plot.picture_rate(10.0, 1e4) == 20e3
@@ -197,7 +198,7 @@ def test_a_loop_with_too_few_samples_says_so(action):
     assert plot.loops(fine).get_supxlabel() == ""
     # Between the samples nothing is invented: the points of 10 kHz are among those of 40 kHz.
     few, many = (dict(lines(plot.loops(r, [6]).axes[0]))["run"] for r in (
-        feltmb.simulate(action, "forte", 0.12), fine))  # fmt: skip
+        run, fine))  # fmt: skip
     np.testing.assert_allclose(few, many[::4], rtol=1e-6, atol=1e-9)
 
 
@@ -254,7 +255,7 @@ def test_compare_overlays_in_units_of_the_reader(runs):
         plot.compare(pair, ["hammer.angle"], ["one"])
 
 
-def test_compare_names_runs_of_one_mechanism_by_their_files(runs, tmp_path, monkeypatch):
+def test_compare_names_runs_of_one_mechanism_by_their_files(rigid, tmp_path, monkeypatch):
     """They were "steinway45 · stroke piano (1)" and "(2)"."""
     figures = []
     original = plot.compare
@@ -264,7 +265,7 @@ def test_compare_names_runs_of_one_mechanism_by_their_files(runs, tmp_path, monk
         return figures[-1]
 
     monkeypatch.setattr(plot, "compare", kept)
-    run = next(iter(runs.values()))
+    run = feltmb.simulate(rigid, "piano", 0.01)
     paths = [tmp_path / f"{n}.nc" for n in ("before", "_after", "a/run", "b/run", "cost_$5")]
     for path in paths:
         path.parent.mkdir(exist_ok=True)
@@ -361,8 +362,8 @@ def test_events_stand_at_their_times(figures, runs):
         assert event.replace("_", " ") in names
 
 
-def test_an_event_that_repeats_is_named_once(action):
-    run = feltmb.simulate(action, "press_release")
+def test_an_event_that_repeats_is_named_once(rigid):
+    run = feltmb.simulate(rigid, "press_release")
     assert run.event_table["event"].count("key_start") > 1
     ax = plot.motion(run).axes[0]
     assert [text.get_text() for text in ax.texts].count("key start") == 1

@@ -39,8 +39,8 @@ def grand():
 
 @pytest.fixture(scope="module")
 def few():
-    """A setup and 24 labeled records of the default sensor."""
-    setup, records = labeled_strokes(count=24, seed=3)
+    """A setup and 8 labeled records of the default sensor."""
+    setup, records = labeled_strokes(count=8, seed=3)
     return setup, list(records)
 
 
@@ -152,19 +152,19 @@ def test_aimed_speeds_are_struck(grand):
 
 def test_sets_are_the_same_for_the_same_seed_and_any_number_of_threads(few, tmp_path):
     setup, records = few
-    known, again = labeled_strokes(count=6, seed=3, jobs=1)
+    known, again = labeled_strokes(count=3, seed=3, jobs=1)
     again = list(again)
     sets = [tmp_path / "one.parquet", tmp_path / "two.parquet"]
-    write_set(sets[0], setup, records[:6])
+    write_set(sets[0], setup, records[:3])
     write_set(sets[1], known, again)
     assert sets[0].read_bytes() == sets[1].read_bytes()
-    for one, two in zip(records[:6], again, strict=True):
+    for one, two in zip(records[:3], again, strict=True):
         assert one.truth == two.truth
         pd.testing.assert_frame_equal(one.samples, two.samples)
     _, other = labeled_strokes(count=1, seed=4)
     assert next(other).truth != records[0].truth
     path = tmp_path / "set.parquet"
-    assert write_set(path, setup, records) == 24
+    assert write_set(path, setup, records) == 8
     known, back = read_set(path)
     assert known == setup or known.as_dict() == setup.as_dict()
     for one, two in zip(records, back, strict=True):
@@ -295,7 +295,7 @@ def test_the_model_based_algorithm_has_half_the_error(few):
     setup, records = few
     simple, better = (score(f, records, setup) for f in (largest_derivative, model_based))
     assert better.table.at["all", "speed_rms"] < 0.5 * simple.table.at["all", "speed_rms"]
-    assert better.table.at["all", "strikes"] >= 24
+    assert better.table.at["all", "strikes"] >= 8
     loud = better.strikes[better.strikes["speed"] > 0.5]
     assert loud["speed_error"].abs().max() < 0.12
     assert loud["time_error"].abs().max() < 1e-3

@@ -105,7 +105,9 @@ def check_along(action, stroke, *, rate=20000.0, count=25, duration=None, every=
     return closed, bool(strap)
 
 
-@pytest.mark.parametrize("law", ["guarded", "printed", "mean"])
+@pytest.mark.parametrize(
+    "law", ["guarded", *(pytest.param(n, marks=pytest.mark.slow) for n in ("printed", "mean"))]
+)
 def test_along_strokes_with_every_contact(rigid, law):
     """Moving strike point, friction, strap: all fifteen contacts are closed at some state."""
     other = rigid.with_values({"string.modes": 5, "contacts.*.law": law})

@@ -62,7 +62,9 @@ def test_where_no_thread_at_all_can_be_created_a_sweep_ends_in_an_error():
     assert "can't start new thread" in done.stdout
 
 
-@pytest.mark.parametrize("progress", ["None", "look", "dawdle"])
+@pytest.mark.parametrize(
+    "progress", ["None", pytest.param("look", marks=pytest.mark.slow), "dawdle"]
+)
 @pytest.mark.parametrize("call", ["simulate", "batch"])
 def test_daemon_threads_that_simulate_at_exit_end_cleanly(progress, call):
     """With 12 threads, some ask for the interpreter's lock at whatever moment it ends."""

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+import shutil
 import sys
 from dataclasses import fields, replace
 
@@ -43,15 +44,31 @@ def records():
     return found
 
 
-@pytest.fixture
-def rig(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
     """An imported file that defines the function."""
-    (tmp_path / "rig.py").write_text(LINE)
-    spec = importlib.util.spec_from_file_location("rig_of_test", tmp_path / "rig.py")
+    path = tmp_path_factory.mktemp("rig") / "rig.py"
+    path.write_text(LINE)
+    spec = importlib.util.spec_from_file_location("rig_of_test", path)
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    monkeypatch.setitem(sys.modules, "rig_of_test", module)
-    return module
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(sys.modules, "rig_of_test", module)
+        yield module
+
+
+@pytest.fixture(scope="module")
+def report(rig):
+    """The diagnosis of the three runs."""
+    return diagnosed(rig.line, options=Options(seconds=60.0))
+
+
+@pytest.fixture(scope="module")
+def written(report, tmp_path_factory):
+    """Folder of its case."""
+    folder = tmp_path_factory.mktemp("written") / "case"
+    report.write(folder)
+    return folder
 
 
 def diagnosed(function, **more):
@@ -65,11 +82,9 @@ def edited(path, change):
     path.write_text(json.dumps(data))
 
 
-def test_a_case_is_repeated_and_its_numbers_agree(rig, tmp_path):
-    report = diagnosed(rig.line, options=Options(seconds=60.0))
+def test_a_case_is_repeated_and_its_numbers_agree(report, written):
     assert [n.cause for n in report.named] == ["offset"]
-    report.write(tmp_path / "case")
-    found = unmodeled.verify(tmp_path / "case")
+    found = unmodeled.verify(written)
     assert found.agrees, str(found)
     one, other = (x.as_dict() for x in (report, found.report))
     assert one["sets"] == other["sets"]
@@ -77,12 +92,11 @@ def test_a_case_is_repeated_and_its_numbers_agree(rig, tmp_path):
     rows = {r.what: r for r in found.rows}
     assert rows["offset"].stored == pytest.approx(0.3, rel=1e-2)
     assert rows["parameter gain"].again == pytest.approx(2.0, rel=1e-2)
-    assert "Not stored" not in (tmp_path / "case" / "README.txt").read_text()
+    assert "Not stored" not in (written / "README.txt").read_text()
 
 
-def test_what_changed_in_a_case_is_told_with_an_exit_code(rig, tmp_path, capsys):
-    at = tmp_path / "case"
-    diagnosed(rig.line).write(at)
+def test_what_changed_in_a_case_is_told_with_an_exit_code(written, tmp_path, capsys):
+    at = shutil.copytree(written, tmp_path / "case")
     assert run("verify", at) == 0
     assert "The answer is the same" in capsys.readouterr().out
     whole = (at / "case.json").read_text()
@@ -203,10 +217,10 @@ def test_records_come_back_bit_by_bit(tmp_path):
         (lambda c: c["sha256"].update({"records/x.csv": "0"}), "lacks files: records/x.csv"),
     ],
 )
-def test_a_folder_that_is_no_case_is_told(rig, tmp_path, change, said):
+def test_a_folder_that_is_no_case_is_told(written, tmp_path, change, said):
     with pytest.raises(DataError, match=r"holds no case\.json"):
         unmodeled.verify(tmp_path)
-    diagnosed(rig.line).write(tmp_path / "case")
+    shutil.copytree(written, tmp_path / "case")
     edited(tmp_path / "case" / "case.json", change)
     with pytest.raises(DataError, match=said):
         unmodeled.verify(tmp_path / "case")

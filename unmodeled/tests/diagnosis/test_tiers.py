@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -140,12 +141,12 @@ def test_what_is_less_probable_than_nothing_is_not_supported():
     """
 
     def angles(time, torque, p, friction=0.0):
-        x, v, out, step = 0.0, 0.0, [], 0.25 * (time[1] - time[0])
-        for f in torque:
+        x, v, out, step = 0.0, 0.0, [], float(0.25 * (time[1] - time[0]))
+        for f in torque.tolist():
             out.append(x)
             for _ in range(4):
-                resistance = p["damping"] * v + friction * np.tanh(v / 0.02)
-                v += step * (f - p["stiffness"] * np.sin(x) - resistance)
+                resistance = p["damping"] * v + friction * math.tanh(v / 0.02)
+                v += step * (f - p["stiffness"] * math.sin(x) - resistance)
                 x += step * v
         return np.array(out)
 

@@ -184,7 +184,7 @@ def probability(report, cause):
     return sum(s.probability for s in report.sets if s.causes == (cause,))
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_the_chosen_experiment_raises_the_probability_of_the_right_cause(seed):
     """Records near one level leave the square and the cube; the planned one names the square."""
     model, causes = two_lines(), [SQUARE, CUBE]

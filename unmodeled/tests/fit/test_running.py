@@ -218,7 +218,9 @@ def test_equations_have_no_runs_to_share(tmp_path):
 # ------------------------------------------------------------------------------------- the folder
 
 
-@pytest.mark.parametrize("share", [0.05, 0.5, 0.9])
+@pytest.mark.parametrize(
+    "share", [0.5, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.05, 0.9))]
+)
 def test_an_interrupted_diagnosis_continues_and_repeats_no_run(forgotten, tmp_path, share):
     whole = diagnose(model(), None, forgotten)
     runs = dict(MADE)
