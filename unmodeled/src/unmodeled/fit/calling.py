@@ -419,7 +419,8 @@ class Runner:
 
     def took(self, run: Run, given: Any) -> None:
         """Keep what the function returned for a run already, if it is of use."""
-        if not isinstance(found := self._one(run, lambda *_: given), str):
+        found = self._one(run, lambda *_: given)
+        if not isinstance(found, str) and not self._undefined(run, found):
             self._kept.keep(run.key, found)
 
     def _one(self, run: Run, function: Function | None = None) -> Array | str:
