@@ -396,10 +396,10 @@ class Runner:
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
-            text = f"model {self._name}: its function {fault} ({run})"
-            if fault and must:
-                raise InvalidParameter(text)
-            if fault and not self._failed:
+            if fault and (must or not self._failed):
+                text = f"model {self._name}: its function {fault} ({run})"
+                if must:
+                    raise InvalidParameter(text)
                 self._failed = True
                 text += "; this trial, and others like it, count as failed"
                 warnings.warn(text, RuntimeWarning, stacklevel=2)
