@@ -82,6 +82,9 @@ SERIAL = """
     )
     report = unmodeled.diagnose(equations, ["dry friction*", "offset of input*"], record)
     assert [n.cause for n in report.named] == ["dry friction x"], report
+    # These take as long to start as such a diagnosis.
+    slow = "pydantic", "scipy.optimize", "pandas", "matplotlib"
+    assert not [n for n in slow if n in sys.modules]
 """
 
 
@@ -98,5 +101,5 @@ def test_nothing_of_feltmb_is_imported():
     run(ALONE)
 
 
-def test_a_diagnosis_needs_no_thread_and_no_process():
+def test_a_diagnosis_needs_no_thread_no_process_and_no_slow_package():
     run(SERIAL, UNMODELED_NO_EXTENSION="1")

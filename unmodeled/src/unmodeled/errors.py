@@ -128,3 +128,8 @@ def shown(value: object) -> str:
         return " ".join(_REPR.repr(value).split())
     except Exception:  # a number with thousands of digits, or a foreign repr that fails
         return f"an object of type {type(value).__name__}"
+
+
+def which_column(name: str = "NAME", column: str = "COLUMN") -> str:
+    """Hint about a signal whose column is not known, or about a column without a signal."""
+    return f"--column {name}={column} says which it is, in Python columns of ReadOptions"

@@ -56,6 +56,15 @@ def test_a_repeated_residual_counts_once():
     assert many * 16 == pytest.approx(few * 4, rel=0.35)
 
 
+def test_a_comparison_that_is_made_again_costs_nothing(monkeypatch):
+    problem, fitted = _fitted(95.0, 10.0, spring_record("fit", 2))
+    weight = np.array([0.5])
+    found = log_evidence(problem, fitted, weight)
+    assert log_evidence(problem, fitted, 2.0 * weight) != found
+    monkeypatch.setattr("unmodeled.search.evidence.system", None)
+    assert log_evidence(problem, fitted, weight.copy()) == found
+
+
 def _fitted(value, sd, record):
     model = LinearModel(
         name="spring",

@@ -155,6 +155,15 @@ def test_the_run_that_finds_the_channels_is_not_made_again(forgotten):
     assert sorted(MADE.values())[-2:] == [1, 2]
 
 
+def test_the_run_that_finds_the_channels_must_succeed(forgotten):
+    def nothing(clock, inputs, parameters):
+        return {"y": np.nan * inputs["u"]}
+
+    found = model(nothing, inputs=None, outputs=None).matched(forgotten[:1]).model
+    with pytest.raises(InvalidParameter, match="returns nan for y at t = 0 s, sample 0"):
+        found.ready(forgotten[:1])
+
+
 def test_threads_of_an_executor_make_the_runs(forgotten):
     alone = told(fit_model(model(), forgotten))
     THREADS.clear()

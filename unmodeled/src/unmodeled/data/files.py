@@ -25,13 +25,12 @@ from unmodeled.data.mapping import (
     run_column,
     sheet_for,
     unit_of_column,
-    which_column,
 )
 from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
-from unmodeled.data.sheet import ColumnSpec, InputSpec, OutputSpec, ReadOptions, Sheet
+from unmodeled.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of
-from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.errors import DataError, InvalidParameter, which_column
 from unmodeled.files import is_file, read_toml, why_missing
 from unmodeled.units import (
     PIXEL,
@@ -441,7 +440,7 @@ def _series(
             "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
-    found = _conversion(unit, spec.si, model)
+    found = conversion(unit, spec.si, model)
     if found is None:
         expected = "give its si and factor"
         if spec.si:
@@ -647,7 +646,7 @@ def _runs(
     return [(str(k), part) for k, part in enumerate(parts, 1)]
 
 
-def _conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | None:
+def conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | None:
     """Zero, factor and unit of the record; None if the unit is unknown, or does not measure ``si``.
 
     The unit is ``si`` if it is stated, else that of the model if it measures the same, else SI.
@@ -669,73 +668,3 @@ def _conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | No
         return (0.0, *to_si(unit))
     except InvalidParameter:
         return None
-
-
-def _kept(unit: str) -> str:
-    """A unit that a reader would convert without being told to keep it; else ""."""
-    return "" if _conversion(unit, "", "") in ((0.0, 1.0, unit), (0.0, 1.0, "1")) else unit
-
-
-def _spec(sensor: Sensor) -> OutputSpec:
-    """Description of an output and its sensor."""
-    fields = {k: v for k, v in vars(sensor).items() if k not in ("name", "unit", "bandwidth")}
-    bandwidth = sensor.bandwidth if math.isfinite(sensor.bandwidth) else None
-    return OutputSpec(si=_kept(sensor.unit), bandwidth=bandwidth, **fields)
-
-
-@checked
-def write_record(record: Record, path: str | Path, *, force: bool = False) -> Path:
-    """Write a record as a CSV file and a TOML file, which :func:`read_record` can read.
-
-    The samples before the record (:attr:`Record.before`) are not written.
-
-    Parameters
-    ----------
-    record
-        Record to be written.
-    path
-        CSV file; the TOML file gets the same name.
-    force
-        False: an existing file is not overwritten.
-    """
-    import tomlkit
-
-    from unmodeled.files import write_text
-
-    path = Path(path)
-    units = {n: record.input_units.get(n, "") for n in record.inputs}
-    units |= {n: sensor.unit for n, sensor in record.sensors.items()}
-    head = ["time [s]", *(f"{n} [{units[n]}]" for n in record.inputs)]
-    head += [n if units[n] == "1" else f"{n} [{units[n]}]" for n in record.outputs]
-    table = np.column_stack([record.time, *record.inputs.values(), *record.outputs.values()])
-    lines = [",".join(head)]
-    lines += [",".join("" if np.isnan(v) else repr(float(v)) for v in row) for row in table]
-    start = record.start or StartPrior()
-    sheet = Sheet(
-        name=record.name,
-        role=record.role,
-        input_mode=record.input_mode,
-        repeats=record.repeats,
-        source=record.source,
-        inputs={
-            n: InputSpec(
-                si=_kept(units[n]),
-                sigma=record.input_sigma.get(n, 0.0),
-                correlation_time=record.input_correlation_time.get(n, 0.0),
-            )
-            for n in record.inputs
-        },
-        outputs={n: _spec(s) for n, s in record.sensors.items()},
-        start={
-            k: (start.mean.get(k, 0.0), start.sd.get(k, 1e300)) for k in {**start.mean, **start.sd}
-        },
-        start_known=start.known,
-        conditions=dict(record.conditions),
-    )
-    write_text(path, "\n".join(lines) + "\n", force=force)
-    write_text(
-        path.with_suffix(".toml"),
-        tomlkit.dumps(sheet.model_dump(mode="json", exclude_defaults=True)),
-        force=force,
-    )
-    return path

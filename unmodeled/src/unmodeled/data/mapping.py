@@ -14,7 +14,7 @@ from unmodeled.data.records import Array, InputMode
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.tables import plain_name
-from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.errors import DataError, InvalidParameter, which_column
 from unmodeled.units import PIXEL, conversion_factor, spelled_unit
 from unmodeled.units.quantity import fault_text, shortened, validated
 
@@ -41,11 +41,6 @@ class Signals:
     def is_input(self, name: str) -> bool:
         """Whether a signal is an input of the model."""
         return name in self.inputs or any(name in names for names in self.modes.values())
-
-
-def which_column(name: str = "NAME", column: str = "COLUMN") -> str:
-    """Hint about a signal whose column is not known, or about a column without a signal."""
-    return f"--column {name}={column} says which it is, in Python columns of ReadOptions"
 
 
 def clock_column(columns: Columns, specified: str = "", *, guess: bool = True) -> str:

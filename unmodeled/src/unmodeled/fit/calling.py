@@ -396,10 +396,10 @@ class Runner:
         new = {k: run for k, run in zip(keys, runs, strict=True) if k not in found}
         for (key, run), got in zip(new.items(), self._make(list(new.values())), strict=True):
             fault = f"raises {got}" if isinstance(got, str) else self._undefined(run, got)
-            text = f"model {self._name}: its function {fault} ({run})"
-            if fault and must:
-                raise InvalidParameter(text)
-            if fault and not self._failed:
+            if fault and (must or not self._failed):
+                text = f"model {self._name}: its function {fault} ({run})"
+                if must:
+                    raise InvalidParameter(text)
                 self._failed = True
                 text += "; this trial, and others like it, count as failed"
                 warnings.warn(text, RuntimeWarning, stacklevel=2)
@@ -419,7 +419,8 @@ class Runner:
 
     def took(self, run: Run, given: Any) -> None:
         """Keep what the function returned for a run already, if it is of use."""
-        if not isinstance(found := self._one(run, lambda *_: given), str):
+        found = self._one(run, lambda *_: given)
+        if not isinstance(found, str) and not self._undefined(run, found):
             self._kept.keep(run.key, found)
 
     def _one(self, run: Run, function: Function | None = None) -> Array | str:

@@ -21,16 +21,11 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
-
-from pydantic import BeforeValidator, ValidationError, ValidationInfo
 
 from unmodeled.arguments import checked
-from unmodeled.errors import DataError, InvalidParameter, near_names, shown
-from unmodeled.files import read_toml
+from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.fit.inclusion import including
 from unmodeled.fit.model import Effect, Model
-from unmodeled.units.quantity import Schema, fault_lines, fault_text, parse_scalar
 
 #: Number of known names in a message.
 MOST_NAMES = 20
@@ -63,33 +58,6 @@ class Measured:
             )
 
 
-def _in_stated_unit(node: object, info: ValidationInfo) -> float:
-    """A number, or a text with a unit, in the SI unit of its key; shares may be in percent."""
-    assert info.context is not None
-    unit, text = info.context[str(info.field_name)], node.strip() if isinstance(node, str) else ""
-    percent = unit == "1" and text.endswith("%")
-    try:
-        value = parse_scalar(text.removesuffix("%").strip() if percent else node, unit)
-    except (ValueError, InvalidParameter) as error:
-        got = "" if str(error).startswith("got") else f"got {shown(node)}; "
-        raise ValueError(f"{got}{error}") from None
-    return 0.01 * value if percent else value
-
-
-#: Number of a table in the unit that the model states.
-InStatedUnit = Annotated[float, BeforeValidator(_in_stated_unit)]
-
-
-class _Entry(Schema):
-    value: InStatedUnit
-    sd: InStatedUnit
-    how: str = ""
-
-
-class _MeasuredFile(Schema):
-    measured: dict[str, dict[str, Any]]
-
-
 @checked
 def read_measured(
     path: str | Path, model: Model, effects: Sequence[Effect] = ()
@@ -119,32 +87,10 @@ def read_measured(
         All faults of the file in one message: unknown names, then those of each table. The table of
         an unknown name is not checked, because the unit of its numbers is unknown.
     """
-    path = Path(path)
-    raw = read_toml(path)
-    tables = raw.get("measured")
-    rows = tables.items() if isinstance(tables, dict) else ()
-    entries = {name: entry for name, entry in rows if isinstance(entry, dict)}
+    from unmodeled.fit.measured_file import read
+
     units = units_of_tests(model, effects)
-    whys = {name: no_test_of(name, model, effects) for name in entries}
-    faults = [f"measured.{name}: {why}" for name, why in whys.items() if why]
-    out = []
-    for name, entry in entries.items():
-        if whys[name]:
-            continue
-        try:
-            read = _Entry.model_validate(entry, context=dict.fromkeys(("value", "sd"), units[name]))
-            out.append(Measured(parameter=name, **read.model_dump()))
-        except ValidationError as error:
-            faults += [f"measured.{name}.{line}" for line in fault_lines(error, _Entry)]
-        except InvalidParameter as error:
-            faults.append(f"measured.{name}: {error}")
-    try:
-        _MeasuredFile.model_validate(raw)
-    except ValidationError as error:
-        faults += fault_lines(error, _MeasuredFile)
-    if faults:
-        raise DataError(fault_text(path.name, faults))
-    return tuple(out)
+    return read(Path(path), Measured, units, lambda name: no_test_of(name, model, effects))
 
 
 def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:

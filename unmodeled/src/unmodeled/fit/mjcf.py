@@ -12,8 +12,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
-from unmodeled.data.mapping import which_column
-from unmodeled.errors import InvalidParameter, near_names
+from unmodeled.errors import InvalidParameter, near_names, which_column
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
 from unmodeled.fit.mjcf_changes import controls

@@ -16,8 +16,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
-from unmodeled.data.mapping import which_column
-from unmodeled.errors import InvalidParameter, near_names
+from unmodeled.errors import InvalidParameter, near_names, which_column
 from unmodeled.fit.calling import Means, Run, Runner, calling
 from unmodeled.fit.coordinates import Named
 from unmodeled.fit.model import (
