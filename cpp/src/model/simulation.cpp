@@ -709,21 +709,22 @@ class Run {
     const double before = felt_rate_[i];
     if (!state.closed && std::isnan(before)) return;
     TurningPoints& turns = dynamics.turns(contact);
-    CurveValue after = felt(contact);
+    const CurveValue after = felt(contact);
     const double remembered = largest()[contact];
-    // The rate tells the way, unless it leaves a doubt: the felt may have passed its last turning
-    // point backward, which the law takes for none, while the list still holds it.
-    const bool rises =
-        std::fabs(before) > sure_rate()
-            ? before > 0.0
-            : turns.size() % 2 == 1 || std::isnan(before) || after.force > remembered;
     felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
-    const double way = rises ? 1.0 : -1.0;
-    if (state.closed && way * after.slope > sure_rate()) return;
+    const bool sure = std::fabs(before) > sure_rate();
+    if (sure && state.closed && std::copysign(1.0, before) * after.slope > sure_rate()) return;
     const std::size_t one[] = {contact};
+    const CurveValue first_in_step = felt_at(integrator, contact, begin);
+    // Where the rate leaves a doubt, the law tells the way. Its list alone does not: the felt may
+    // have passed the last turning point backward, in a loop smaller than the noise.
+    const bool rises = sure ? before > 0.0
+                            : std::isnan(before) || after.force > remembered ||
+                                  left_at(first_in_step.force, turns) % 2 == 1;
+    const double way = rises ? 1.0 : -1.0;
     const auto back = [&](double t) { return -way * felt_at(integrator, contact, t).slope; };
     const double last = back(end);
-    const double start = back(begin);
+    const double start = -way * first_in_step.slope;
     if (start < 0.0 && last > 0.0) {
       const double t = find_root_bracketed(back, begin, start, end, last, 1e-12);
       const double e = std::max(0.0, felt_at(integrator, contact, t).force);

@@ -79,6 +79,10 @@ struct TurningPoint {
 /// From the outermost to the last: lower and upper ones in turn, each pair within the one before.
 using TurningPoints = std::vector<TurningPoint>;
 
+/// Number of turning points that are left at e: a loop that was passed is wiped out, a turning
+/// point that was passed backward never was one. Odd: the felt rises from the last of them.
+std::size_t left_at(double e, const TurningPoints& turns);
+
 /// Memory of a law: integrated states, and the largest compression, which changes only at
 /// reversals (and by recovery) and is constant in between.
 struct LawMemory {
