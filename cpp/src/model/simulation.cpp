@@ -816,9 +816,16 @@ class Run {
 
   void restart_at(Integrator& integrator, const Reversal& reversal) {
     integrator.interpolate(reversal.time, y_);
-    double& remembered = largest()[at(reversal.contact)];
-    mechanism_->contacts[at(reversal.contact)].law.turn(
-        reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
+    const std::size_t index = at(reversal.contact);
+    double& remembered = largest()[index];
+    const Contact& contact = mechanism_->contacts[index];
+    if (options_.on_step) {
+      if (system_.strings_apart()) system_.fill_strings(reversal.time, y_);
+      options_.on_step(reversal.time, y_, largest(), system_.strings_apart());
+    }
+    contact.law.turn(reversal.compression, remembered, system_.dynamics().turns(index));
+    contact.law.widen(reversal.compression, remembered,
+                      y_.data() + 2 * at(mechanism_->size()) + contact.first_state);
     remembered = std::max(remembered, reversal.compression);
     start_at(integrator, reversal.time);
     read_felt_rates(reversal.time, reversal.contact);

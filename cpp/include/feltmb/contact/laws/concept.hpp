@@ -29,6 +29,8 @@
 ///   kRemembers                   true
 ///   recovery_time                a member: of this memory while open [s], 0: none
 ///   cycle_envelope()             whose cycle is kept between reversals
+///   widen(e, largest, state)     changes the states where virgin loading beyond the largest
+///                                compression ends at e
 ///   turn(e, largest, turns)      adds a turning point below the largest compression, of a law that
 ///                                remembers all of them; what it wipes out goes
 ///   inner_compression(e, memory), inner_rate(e, rate, memory)  what the memory is of, if another
