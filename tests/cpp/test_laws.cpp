@@ -38,6 +38,9 @@ std::vector<LawParameters> samples() {
   creeping.creep_damping = 300.0;
   creeping.rate_amplitude = 0.2;
   creeping.rate_time = 1e-3;
+  FeltMemory wiping = felt;
+  wiping.kappa = 0.05;
+  wiping.wiping_out = 0.3;
   FeltReturnPoint returning;
   returning.envelope = felt.envelope;
   ExponentialPair pair{kUp, kDown};
@@ -55,6 +58,7 @@ std::vector<LawParameters> samples() {
           Maxwell{1e8, 2.2, 2e8, 2.6, 1e-3},
           Dunlop{2e5, 1.3, 0.2, 0.1, 0.3, 0.8, 50.0},
           felt,
+          wiping,
           creeping,
           returning,
           Expression{"k*e^p*(1 + d*rate)", {{"k", 4e6}, {"p", 1.8}, {"d", 0.6}}, {}},
@@ -75,6 +79,7 @@ At random_point(const ContactLaw& law, std::mt19937& random) {
   at.e = 9e-4 * share(random);
   at.rate = speed(random);
   at.largest = at.e * (1.0 + 0.5 * share(random));
+  if (at.rate > 1.0) at.largest = at.e * share(random);  // on virgin loading
   law.relax(at.e * share(random), at.s);
   for (std::size_t i = 0; i < law.n_states(); ++i) at.s[i] *= share(random);
   if (law.has_memory()) at.s[0] = share(random);  // z

@@ -197,6 +197,16 @@ void ContactLaw::turn(double compression, double largest, TurningPoints& turns) 
       parameters_);
 }
 
+void ContactLaw::widen(double compression, double largest, double* state) const {
+  std::visit(
+      [&]<class L>(const L& law) {
+        if constexpr (requires { law.widen(compression, largest, state); }) {
+          law.widen(compression, largest, state);
+        }
+      },
+      parameters_);
+}
+
 void ContactLaw::limit(double* state) const {
   std::visit(
       [&]<class L>(const L& law) {

@@ -55,8 +55,9 @@ void LawPath::move_by_substeps(double compression, double duration) {
     }
     law_->limit(at_.state.data());
     if (!law_->has_memory()) continue;
-    at_.largest =
-        std::max(at_.largest, law_->felt_compression(start + rate * h * (i + 1), memory()));
+    const double reached = law_->felt_compression(start + rate * h * (i + 1), memory());
+    law_->widen(reached, at_.largest, at_.state.data());
+    at_.largest = std::max(at_.largest, reached);
   }
 }
 

@@ -709,21 +709,22 @@ class Run {
     const double before = felt_rate_[i];
     if (!state.closed && std::isnan(before)) return;
     TurningPoints& turns = dynamics.turns(contact);
-    CurveValue after = felt(contact);
+    const CurveValue after = felt(contact);
     const double remembered = largest()[contact];
-    // The rate tells the way, unless it leaves a doubt: the felt may have passed its last turning
-    // point backward, which the law takes for none, while the list still holds it.
-    const bool rises =
-        std::fabs(before) > sure_rate()
-            ? before > 0.0
-            : turns.size() % 2 == 1 || std::isnan(before) || after.force > remembered;
     felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
-    const double way = rises ? 1.0 : -1.0;
-    if (state.closed && way * after.slope > sure_rate()) return;
+    const bool sure = std::fabs(before) > sure_rate();
+    if (sure && state.closed && std::copysign(1.0, before) * after.slope > sure_rate()) return;
     const std::size_t one[] = {contact};
+    const CurveValue first_in_step = felt_at(integrator, contact, begin);
+    // Where the rate leaves a doubt, the law tells the way. Its list alone does not: the felt may
+    // have passed the last turning point backward, in a loop smaller than the noise.
+    const bool rises = sure ? before > 0.0
+                            : std::isnan(before) || after.force > remembered ||
+                                  left_at(first_in_step.force, turns) % 2 == 1;
+    const double way = rises ? 1.0 : -1.0;
     const auto back = [&](double t) { return -way * felt_at(integrator, contact, t).slope; };
     const double last = back(end);
-    const double start = back(begin);
+    const double start = -way * first_in_step.slope;
     if (start < 0.0 && last > 0.0) {
       const double t = find_root_bracketed(back, begin, start, end, last, 1e-12);
       const double e = std::max(0.0, felt_at(integrator, contact, t).force);
@@ -815,9 +816,16 @@ class Run {
 
   void restart_at(Integrator& integrator, const Reversal& reversal) {
     integrator.interpolate(reversal.time, y_);
-    double& remembered = largest()[at(reversal.contact)];
-    mechanism_->contacts[at(reversal.contact)].law.turn(
-        reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
+    const std::size_t index = at(reversal.contact);
+    double& remembered = largest()[index];
+    const Contact& contact = mechanism_->contacts[index];
+    if (options_.on_step) {
+      if (system_.strings_apart()) system_.fill_strings(reversal.time, y_);
+      options_.on_step(reversal.time, y_, largest(), system_.strings_apart());
+    }
+    contact.law.turn(reversal.compression, remembered, system_.dynamics().turns(index));
+    contact.law.widen(reversal.compression, remembered,
+                      y_.data() + 2 * at(mechanism_->size()) + contact.first_state);
     remembered = std::max(remembered, reversal.compression);
     start_at(integrator, reversal.time);
     read_felt_rates(reversal.time, reversal.contact);

@@ -164,7 +164,7 @@ void Looks::locate(Sought& s) {
   std::vector<double> times{s.look.begin};
   for (std::size_t node = 0; node < trajectory_.size(); ++node) {
     const double t = trajectory_.time(node);
-    if (t > s.look.begin && t < s.look.end) times.push_back(t);
+    if (t > times.back() && t < s.look.end) times.push_back(t);
   }
   if (s.look.end > s.look.begin) times.push_back(s.look.end);
   std::vector<double> values;

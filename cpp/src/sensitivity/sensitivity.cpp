@@ -361,8 +361,10 @@ class SegmentRun {
   }
 
   void pass_reversal(Trajectory& trajectory, const Switch& s, Columns& columns) {
-    // The top of a compression: its time moves, the compression itself does not by that.
+    // The top of a compression: its time moves, the compression itself does not by that, nor does
+    // what the virgin loading that ends there makes of the states of the law.
     const auto contact = at(s.index);
+    const std::size_t states = mechanism_->contacts[contact].law.n_states();
     const std::size_t node = trajectory.interval(s.time - 1e-12);
     const auto memory = trajectory.memory(node);
     trajectory.interpolate(s.time, y_);
@@ -370,11 +372,18 @@ class SegmentRun {
                           std::span<double> out, int, std::size_t) {
       system.locate(time, y, Detail::kAllContacts);
       const ContactState& state = system.dynamics().contacts()[contact];
-      out[0] = system.mechanism().contacts[contact].law.felt_compression(
-          state.compression, system.dynamics().memory(contact));
+      const ContactLaw& law = system.mechanism().contacts[contact].law;
+      const LawMemory own = system.dynamics().memory(contact);
+      out[0] = law.felt_compression(state.compression, own);
+      std::copy_n(own.state, states, out.begin() + 1);
+      law.widen(out[0], own.largest, out.data() + 1);
     };
-    models_.total(s.time, y_, memory, columns, 1, felt, derivative_);
+    models_.total(s.time, y_, memory, columns, 1 + states, felt, derivative_);
     columns.memory.row(index(contact)) = derivative_.row(0);
+    const std::size_t first =
+        2 * mechanism_->coordinates.size() + at(mechanism_->contacts[contact].first_state);
+    columns.state.middleRows(index(first), index(states)) =
+        derivative_.middleRows(1, index(states));
   }
 
   /// Jump of the right-hand side at t; true if there is one to speak of.

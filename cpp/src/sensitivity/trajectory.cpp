@@ -28,12 +28,9 @@ Trajectory::Trajectory(MechanismSystem& system) : system_(system), width_(system
 void Trajectory::add(double t, std::span<const double> y, std::span<const double> memory,
                      bool free) {
   if (!time_.empty() && t <= time_.back()) {
-    // A restart at the same time: the state is the same, the memory may be new.
-    if (remembers_) {
-      std::copy(memory.begin(), memory.end(),
-                memory_.end() - static_cast<std::ptrdiff_t>(memory.size()));
-    }
-    return;
+    // A restart at the same time. With another memory, states of laws are others, too.
+    const auto before = this->memory(time_.size() - 1);
+    if (std::equal(before.begin(), before.end(), memory.begin())) return;
   }
   time_.push_back(t);
   free_.push_back(free ? 1 : 0);
@@ -105,6 +102,10 @@ std::size_t Trajectory::interpolate(double t, std::span<double> y) {
   }
   const auto b = state(i + 1);
   const double h = time_[i + 1] - time_[i];
+  if (h == 0.0) {
+    std::copy(b.begin(), b.end(), y.begin());
+    return i;
+  }
   const double u = (t - time_[i]) / h;
   const std::span<const double> fa = slope(i, false);
   const std::span<const double> fb = slope(i + 1, true);

@@ -277,7 +277,7 @@ class CustomerPage:
         """
         path = Path(path)
         check_suffix(path, ".pdf", ".html")
-        if path.suffix.lower() == ".html":
+        if path.suffix.lower() != ".pdf":
             return write_text(path, self.html(), force=force)
         figure, metadata = self.figure(), {"CreationDate": None}
 

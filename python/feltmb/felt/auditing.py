@@ -34,7 +34,8 @@ from feltmb.felt.audit_checks import (
 )
 from feltmb.felt.envelopes import FeltEnvelope, envelope, load_envelope
 from feltmb.fiber.material import FeltMaterial, load_material
-from feltmb.mechanism import LawChoice, core_law, load_action
+from feltmb.mechanism import Action, LawChoice, core_law, load_action
+from feltmb.mechanism.values import expand_path, parse_setting, split_operator
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import is_file, read_toml
@@ -252,7 +253,7 @@ def audit_targets(
     ------
     InvalidParameter
         A name does not exist; the message has the known names. Or there are settings for a felt or
-        an envelope.
+        an envelope, or that change none of the laws.
     """
     from feltmb.fiber.material import packaged_materials
     from feltmb.mechanism import packaged_actions
@@ -276,6 +277,7 @@ def audit_targets(
     action = with_values_told(load_action(action_name), settings, tell)
     contacts = action.config.contacts
     if everything and not colon:
+        _refuse_idle(action, settings, list(contacts))
         return [(f"{action.name}:{k}", c) for k, c in contacts.items()]
     if contact not in contacts:
         what = f"contact {contact!r} of {action_name} does not exist"
@@ -284,7 +286,26 @@ def audit_targets(
             f"{', '.join(contacts)}, written as {action_name}:{next(iter(contacts), '01')}"
             f"{all_hint}"
         )
+    _refuse_idle(action, settings, [contact])
     return [(f"{action.name}:{contact}", contacts[contact])]
+
+
+def _refuse_idle(action: Action, settings: Sequence[str], contacts: Sequence[str]) -> None:
+    """Refuse settings that reach no key of a law of these contacts."""
+    known = ({"contacts"}, contacts, LawChoice.model_fields)
+    idle = [
+        path
+        for path, _ in map(parse_setting, settings)
+        if not any(
+            all(part in names for part, names in zip(parts, known, strict=False))
+            for parts in expand_path(action.raw, split_operator(path)[0])
+        )
+    ]
+    if idle:
+        raise InvalidParameter(
+            f"--set {', '.join(idle)}: has no effect on the law of contact "
+            f"{', '.join(contacts)}; expected a key of it, such as contacts.{contacts[0]}.law"
+        )
 
 
 def _in_a_file(

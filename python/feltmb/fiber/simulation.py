@@ -16,8 +16,10 @@ from numpy.typing import NDArray
 from feltmb._core import fiber as _core
 from unmodeled.arguments import checked
 from unmodeled.data.columns import read_columns
+from unmodeled.data.mapping import unit_of_column, values_in
 from unmodeled.errors import DataError, Error, InvalidParameter, shown
 from unmodeled.files import check_suffix, read_npz, write_file
+from unmodeled.units.quantity import fault_text
 
 Array = NDArray[np.float64]
 _FORMAT = 1
@@ -405,7 +407,8 @@ def lay(box: FiberBox, threads: int = 0, *, directions: npt.ArrayLike | None = N
 def read_directions(path: str | Path) -> Array:
     """Read the directions of fibers from a table with the columns x, y and z.
 
-    A row is a fiber; z is the axis of compression. The numbers need not have the length 1.
+    A row is a fiber; z is the axis of compression. The numbers need not have the length 1, and may
+    be lengths with units.
 
     Raises
     ------
@@ -414,13 +417,19 @@ def read_directions(path: str | Path) -> Array:
     """
     file = Path(path)
     columns = read_columns(file)
-    missing = [name for name in "xyz" if not columns.find(name)]
+    named = {name: columns.find(name) for name in "xyz"}
+    missing = [name for name, column in named.items() if not column]
     if missing:
         raise DataError(
             f"{file}: no column {', '.join(missing)}; there are {columns}; expected x, y and z of "
             "the direction of each fiber"
         )
-    return np.column_stack([columns.values[columns.find(name)] for name in "xyz"])
+    faults: list[str] = []
+    plain = {unit_of_column(columns, c) for c in named.values()} <= {"", "1"}
+    rows = [values_in(columns, c, "1" if plain else "m", faults) for c in named.values()]
+    if faults:
+        raise DataError(fault_text(f"{file}: expected x, y and z as numbers or lengths", faults))
+    return np.column_stack(rows)
 
 
 @checked

@@ -93,6 +93,37 @@ def test_virgin_loading_and_first_unloading_are_the_envelopes(key):
     assert np.allclose(force[300:], env.unloading(up[::-1][1:], env.closing), rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.parametrize("kappa", [0.05, 0.2, 2.0])
+def test_the_loss_is_continuous_in_what_the_felt_remembers(kappa):
+    """By hand: z rises to q in the small loop, and virgin loading wipes it out over c."""
+    env, top = envelope("06"), 5e-4
+    q = 1.0 - np.exp(-1.0 / kappa)
+
+    def area(e_m):
+        e = e_m * np.linspace(0.0, 1.0, 4001) ** 2
+        return np.trapezoid(env.loading(e) - env.unloading(e, e_m), e)
+
+    losses = []
+    for before in top * np.array([0.0, 1e-4, 1e-3, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0]):
+        half = np.unique(np.append(top * (1.0 - np.linspace(1.0, 0.0, 4001) ** 2), before))
+        e = np.concatenate([[0.0, before], half, half[::-1]])
+        force = memory_law("06", kappa=kappa).path(e, np.arange(e.size))
+        z = q * (area(before) / area(top)) ** (1.0 / kappa)
+        expected = area(top) * (1.0 - kappa * q * z) - kappa * q * area(before)
+        losses.append(np.trapezoid(force[2:], e[2:]) / area(top))
+        assert losses[-1] == pytest.approx(expected / area(top), abs=1e-4)
+    assert np.all(np.diff(losses) < 1e-6)
+    assert losses[2] == pytest.approx(losses[0], abs=1e-4)
+
+
+def test_a_law_that_goes_by_substeps_forgets_the_same():
+    """A Kelvin element that hardly gives way leaves the law as it is."""
+    e = history(5e-4 * np.array([0.7, 0.0, 0.8, 0.3, 1.0, 0.0]))
+    creeping = memory_law("06", creep_stiffness=1e10, creep_damping=1e8)
+    forces = [one.path(e, np.arange(e.size)) for one in (creeping, memory_law("06"))]
+    assert np.max(np.abs(forces[0] - forces[1])) < 2e-3 * np.max(forces[1])
+
+
 @pytest.mark.parametrize("key", USABLE)
 def test_no_jump_at_a_reversal_and_return_point(key):
     env = envelope(key)

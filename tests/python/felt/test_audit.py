@@ -162,3 +162,6 @@ def test_settings_of_an_audit_are_told_or_refused():
     assert f"was {plain.alpha:g} s/m" in told[0]
     with pytest.raises(InvalidParameter, match="is a felt, and settings change a mechanism"):
         audit_targets(packaged_materials()[0], ["contacts.06.alpha=20"])
+    for idle in ("string.modes=3", "contacts.04.alpha=20", "contacts.06.friction.amplitude=0.1"):
+        with pytest.raises(InvalidParameter, match=rf"^--set {idle.split('=')[0]}: has no effect"):
+            audit_targets("steinway45:06", ["contacts.06.alpha=20", idle])

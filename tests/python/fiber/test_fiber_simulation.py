@@ -263,6 +263,17 @@ def test_a_table_without_directions_is_refused(tmp_path):
         read_directions(tmp_path / "a.csv")
 
 
+def test_directions_have_the_units_of_their_columns(tmp_path):
+    table = tmp_path / "a.csv"
+    for head in ("x [mm],y [m],z [um]", "x [1],y,z"):
+        table.write_text(f"{head}\n" + "1,2,3\n" * 3)
+        lengths = (1e-3, 2.0, 3e-6) if "mm" in head else (1.0, 2.0, 3.0)
+        assert np.array_equal(read_directions(table)[0], lengths)
+    table.write_text("x [deg],y [mm],z\n" + "1,2,3\n" * 3)
+    with pytest.raises(DataError, match=r"(?s)numbers or lengths.*'deg'.*column z states no unit"):
+        read_directions(table)
+
+
 def test_the_fibers_as_a_vtk_file():
     """Points, lines and diameters of PolyData, each fiber in one piece with its center inside."""
     run = simulate(SMALL, Cycle(v_max=0.06, relax_steps=0), max_samples=1)

@@ -8,7 +8,7 @@ import pytest
 from calls import refused, short_strike, stroke_command
 
 import feltmb
-from unmodeled.files import check_writable, write_text
+from unmodeled.files import check_folder, check_suffix, check_writable, write_text
 
 
 def test_full_disk_leaves_a_message(tmp_path):
@@ -38,6 +38,14 @@ def test_names_longer_than_names_of_files(name, tmp_path):
     refused(lambda: feltmb.load_targets(name), "target file")
     with pytest.raises(feltmb.Error, match="cannot be written"):
         check_writable(tmp_path / name, force=False)
+
+
+def test_htm_is_the_suffix_of_a_page_as_html_is():
+    check_suffix(Path("page.HTM"), ".pdf", ".html")
+    with pytest.raises(feltmb.Error, match=r"cannot write \.htm, expected \.pdf"):
+        check_suffix(Path("page.htm"), ".pdf")
+    with pytest.raises(feltmb.Error, match="is the name of a file, expected that of a folder"):
+        check_folder(Path("page.htm"))
 
 
 def test_name_as_long_as_a_name_may_be(tmp_path):

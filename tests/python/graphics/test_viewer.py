@@ -439,7 +439,7 @@ def test_all_faults_of_a_table_are_told_at_once(tmp_path, text, faults):
 def test_wrong_arguments_are_refused(forte, tmp_path, options, message):
     with pytest.raises(InvalidParameter, match=message):
         view(forte, tmp_path / "a.html", **options)
-    with pytest.raises(InvalidParameter, match=r"expected a name in \.html"):
+    with pytest.raises(InvalidParameter, match=r"cannot write \.pdf, expected \.html"):
         view(forte, tmp_path / "a.pdf")
     with pytest.raises(InvalidParameter, match="got 7 runs"):
         view([forte] * 7, tmp_path / "a.html")

@@ -247,6 +247,35 @@ def test_laws_with_branches_and_memory(pendulum, law):
     assert g.of("arm.angle", path) == pytest.approx(by_runs, abs=3e-3 * np.abs(by_runs).max())
 
 
+def test_a_felt_that_passes_what_it_remembers(pendulum):
+    """What z keeps depends on how deep the felt was pressed before, and is pressed now."""
+    felt = pendulum.with_values({**LAWS["felt_memory"], "contacts.01.memory": {"kappa": 0.2}})
+    stroke = feltmb.ramp_stroke(0.0, duration=0.06)
+    memory = np.full(len(felt.mechanism.contact_numbers), 1.35e-3)
+
+    def strike(action, speed=2.0, paths=(), **options):
+        segment = Segment(0.0, 0.06, [-0.05, speed, 0.0], memory)
+        options = {"directions": None, "rtol": 1e-12, "jobs": 1, **options}
+        return segments(action, stroke, [segment], paths, ["arm.angle.rate"], **options)[0]
+
+    paths = ["contacts.01.loading.b", "contacts.01.memory.kappa", "bodies.arm.mass"]
+    g = strike(felt, paths=paths, directions=["arm.angle.rate"], rtol=1e-10, tolerance=1e-6)
+    assert memory[0] < g.end_memory[0] < 1.1 * memory[0]
+    h = 1e-4
+
+    def difference(run, value):
+        up, down = (run(value * (1.0 + s * h)).values[-1, 0] for s in (1, -1))
+        return (up - down) / (2.0 * h * value)
+
+    for path in paths:
+        by_runs = difference(
+            lambda v, path=path: strike(felt.with_values({path: v})), felt.value(path)[0]
+        )
+        assert g.of("arm.angle.rate", path)[-1] == pytest.approx(by_runs, rel=1e-3), path
+    by_speed = difference(lambda v: strike(felt, v), 2.0)
+    assert g.of("arm.angle.rate", "start.arm.angle.rate")[-1] == pytest.approx(by_speed, rel=1e-3)
+
+
 def test_segments_chain(action):
     """Derivatives over two segments multiply to those over both (the second way round)."""
     first, second = state_at(action, "forte", [0.0, 0.085, 0.094])

@@ -10,6 +10,7 @@ from unmodeled.units import (
     conversion_factor,
     convert,
     dimension_text,
+    pretty,
     spelled_unit,
     to_si,
     zero_and_factor,
@@ -78,6 +79,7 @@ def test_every_unit_converts_to_itself(unit):
         ("mH", 1e-3, "H"),
         ("V s/A", 1.0, "H"),
         ("uF", 1e-6, "F"),
+        ("pF", 1e-12, "F"),
         ("kΩ", 1e3, "ohm"),
         ("k\N{OHM SIGN}", 1e3, "ohm"),
         ("counts", 1.0, "counts"),
@@ -89,6 +91,20 @@ def test_si_units_of_any_unit(unit, factor, si):
     assert name == si
     assert found == pytest.approx(factor, rel=1e-15)
     assert conversion_factor(unit, si) == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "shown"),
+    [
+        (2.2e-3, "H", ("2.2", "mH")),
+        (3.3e-5, "H", ("33", "uH")),
+        (4.7e-3, "F", ("4700", "uF")),
+        (5e-8, "F", ("50", "nF")),
+        (1e-10, "F", ("100", "pF")),
+    ],
+)
+def test_small_inductances_and_capacitances_are_read_in_their_units(value, unit, shown):
+    assert pretty(value, unit) == shown
 
 
 @pytest.mark.parametrize(

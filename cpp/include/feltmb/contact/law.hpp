@@ -52,6 +52,10 @@ class ContactLaw {
   /// Adds a turning point at a compression [m] below `largest` to those of a law that has them.
   void turn(double compression, double largest, TurningPoints& turns) const;
 
+  /// Changes the states where virgin loading beyond `largest` [m] ends at a compression of the
+  /// felt.
+  void widen(double compression, double largest, double* state) const;
+
   /// Updates the cycle of a law with memory to `largest` [m].
   void keep_cycle(double largest, CycleStart& cycle) const {
     if (envelope_ == nullptr || (cycle.largest == largest && cycle.of == envelope_)) return;

@@ -209,7 +209,9 @@ LawValue FeltMemory::force(double compression, double rate, const LawMemory& mem
 
 double FeltMemory::energy(double compression, const LawMemory& memory) const {
   const double inner = inner_compression(compression, memory);
-  double sum = memory_energy(*this, inner, memory.state[0], memory.largest);
+  double z = memory.state[0];
+  widen(inner, memory.largest, &z);
+  double sum = memory_energy(*this, inner, z, memory.largest);
   if (creeps()) sum += 0.5 * creep_stiffness * memory.state[1] * memory.state[1];
   return sum;
 }
@@ -261,7 +263,8 @@ double FeltMemory::dissipated_power(double compression, double rate,
   const LawValue v = force(compression, rate, memory, states);
   const double inner = inner_compression(compression, memory);
   const double inner_rate_now = inner_rate(compression, rate, memory);
-  const double z = memory.state[0];
+  double z = memory.state[0];
+  widen(inner, memory.largest, &z);
   const double square = (2.0 * z - 1.0) * (2.0 * z - 1.0);
   const FeltCore c = evaluate_core(*this, inner, inner_rate_now, memory);
   double power = (v.force - c.force) * inner_rate_now;
@@ -275,19 +278,28 @@ double FeltMemory::dissipated_power(double compression, double rate,
     const double rest = inner_rate_now > 0.0 ? passed : area.force - passed;
     const double length = w.share * rest + w.kappa * area.force;
     if (virgin) {
-      power += (0.5 - w.stiffness * away * away) * area.slope * inner_rate_now;
+      power += (0.5 - w.stiffness * away * away + 2.0 * w.stiffness * z * away / w.kappa) *
+               area.slope * inner_rate_now;
     } else if (length > 0.0) {
       power += 2.0 * w.stiffness * area.force / length * away * away * c.band *
                std::fabs(inner_rate_now);
     }
   } else if (inner > 0.0) {
     const bool virgin = inner > memory.largest || (inner == memory.largest && inner_rate_now > 0.0);
-    power += virgin
-                 ? (0.5 - 0.25 * kappa * square) * envelope->loop_area(inner).slope * inner_rate_now
-                 : 0.5 * c.band * square * std::fabs(inner_rate_now);
+    power += virgin ? (z + (0.5 - 0.25 * kappa) * square) * envelope->loop_area(inner).slope *
+                          inner_rate_now
+                    : 0.5 * c.band * square * std::fabs(inner_rate_now);
   }
   if (creeps()) power += creep_damping * states.rate[1] * states.rate[1];
   return power;
+}
+
+void FeltMemory::widen(double compression, double largest, double* state) const {
+  if (compression <= largest || state[0] == 0.0) return;
+  const double whole = envelope->loop_area(compression).force;
+  if (whole <= 0.0) return;
+  const double share = std::clamp(envelope->loop_area(largest).force / whole, 0.0, 1.0);
+  state[0] *= std::pow(share, 1.0 / kappa);
 }
 
 int FeltMemory::piece(double compression, double rate, const LawMemory& memory) const {
@@ -310,6 +322,7 @@ bool FeltMemory::advance(PathPoint& at, double compression, double) const {
     if ((stop - from) * (compression - stop) > 0.0) move_within(*this, at, stop);
   }
   move_within(*this, at, compression);
+  widen(at.compression, at.largest, at.state.data());
   at.largest = std::max(at.largest, at.compression);
   return true;
 }

@@ -17,24 +17,6 @@ const TurningPoints& turns_of(const LawMemory& memory) {
   return memory.turns != nullptr ? *memory.turns : none();
 }
 
-/// Number of turning points that are left at e: a loop that was passed is wiped out, a turning
-/// point that was passed backward never was one. Odd: the felt rises from the last of them.
-std::size_t left_at(double e, const TurningPoints& turns) {
-  std::size_t n = turns.size();
-  while (n > 0) {
-    const double from = turns[n - 1].compression;
-    const bool rises = n % 2 == 1;
-    if (rises ? e < from : e > from) {
-      --n;
-    } else if (n > 1 && (rises ? e >= turns[n - 2].compression : e <= turns[n - 2].compression)) {
-      n -= 2;
-    } else {
-      break;
-    }
-  }
-  return n;
-}
-
 /// Eight nodes for each factor exp(2) of a power of G, at least the 24th: the ratio of the branches
 /// of D bends. Energies come back to 2e-7.
 const QuadratureRule& panel_rule() {
@@ -70,6 +52,22 @@ double integrate_band(const Envelope& envelope, double low, double high, double 
 }
 
 }  // namespace
+
+std::size_t left_at(double e, const TurningPoints& turns) {
+  std::size_t n = turns.size();
+  while (n > 0) {
+    const double from = turns[n - 1].compression;
+    const bool rises = n % 2 == 1;
+    if (rises ? e < from : e > from) {
+      --n;
+    } else if (n > 1 && (rises ? e >= turns[n - 2].compression : e <= turns[n - 2].compression)) {
+      n -= 2;
+    } else {
+      break;
+    }
+  }
+  return n;
+}
 
 /// G [J].
 double FeltReturnPoint::apart(double e, double largest) const {

@@ -18,7 +18,7 @@ from feltmb.graphics.viewer.content import MOST_RUNS, default_panels, describe
 from feltmb.graphics.viewer.curves import Curves
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
-from unmodeled.files import check_writable, write_text
+from unmodeled.files import check_suffix, check_writable, write_text
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run
@@ -248,7 +248,6 @@ def view(
         The file exists and ``force`` is false.
     """
     path = Path(path)
-    if path.suffix.lower() not in (".html", ".htm"):
-        raise InvalidParameter(f"view: got {path.name!r}, expected a name in .html")
+    check_suffix(path, ".html")
     check_writable(path, force=force)
     return write_text(path, page(runs, **options), force=force)

@@ -241,13 +241,14 @@ def why_missing(path: Path) -> str:
 #: Suffixes of files; a folder with such a suffix is a mistake.
 _FILES = (
     *(".csv", ".gif", ".h5", ".html", ".jpg", ".json", ".mp3", ".nc", ".npz", ".pdf", ".png"),
-    *(".svg", ".toml", ".txt", ".wav", ".xlsx"),
+    *(".htm", ".svg", ".toml", ".txt", ".wav", ".xlsx"),
 )
 
 
 def check_suffix(path: Path, *suffixes: str) -> None:
-    """Raise an error if the suffix of a file does not match the content that is written."""
-    if path.suffix.lower() not in suffixes:
+    """Raise an error if the suffix of a file does not match the content; .htm is .html."""
+    suffix = path.suffix.lower()
+    if (".html" if suffix == ".htm" else suffix) not in suffixes:
         got = path.suffix or "a name without ending"
         known = " or ".join(filter(None, [", ".join(suffixes[:-1]), suffixes[-1]]))
         raise InvalidParameter(f"{path}: cannot write {got}, expected {known}")

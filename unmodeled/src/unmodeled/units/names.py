@@ -27,7 +27,7 @@ ACCEPTED_UNITS: dict[str, tuple[float, tuple[float, ...]]] = {
 
 def _prefixed(name: str, prefixes: str = "mµnukM") -> dict[str, float]:
     """A unit with and without prefixes, and the factors."""
-    sizes = {"k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9}
+    sizes = {"k": 1e3, "M": 1e6, "G": 1e9, "m": 1e-3, "u": 1e-6, "µ": 1e-6, "n": 1e-9, "p": 1e-12}
     return {name: 1.0, **{prefix + name: sizes[prefix] for prefix in prefixes}}
 
 
@@ -57,7 +57,7 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     "W/A": _prefixed("V"),
     "V/A": _prefixed("ohm"),
     "V s/A": _prefixed("H", "munµ"),
-    "A s/V": _prefixed("F", "munµ"),
+    "A s/V": _prefixed("F", "munµp"),
     "V s/m^2": _prefixed("T"),
     # Differences of temperature; the zeros are in TEMPERATURE_SCALES.
     "K": {"mK": 1e-3, "degC": 1.0, "degF": 1.0 / 1.8},
@@ -351,6 +351,8 @@ _SMALL = {
     "s": [(1.0, 1e3, "ms")],
     "J": [(1.0, 1e3, "mJ")],
     "kg": [(1e-5, 1e6, "mg"), (0.1, 1e3, "g")],
+    "H": [(1e-3, 1e6, "uH"), (1.0, 1e3, "mH")],
+    "F": [(1e-9, 1e12, "pF"), (1e-6, 1e9, "nF"), (0.1, 1e6, "uF")],
 }
 
 

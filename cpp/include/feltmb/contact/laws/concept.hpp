@@ -29,6 +29,8 @@
 ///   kRemembers                   true
 ///   recovery_time                a member: of this memory while open [s], 0: none
 ///   cycle_envelope()             whose cycle is kept between reversals
+///   widen(e, largest, state)     changes the states where virgin loading beyond the largest
+///                                compression ends at e
 ///   turn(e, largest, turns)      adds a turning point below the largest compression, of a law that
 ///                                remembers all of them; what it wipes out goes
 ///   inner_compression(e, memory), inner_rate(e, rate, memory)  what the memory is of, if another
@@ -78,6 +80,10 @@ struct TurningPoint {
 };
 /// From the outermost to the last: lower and upper ones in turn, each pair within the one before.
 using TurningPoints = std::vector<TurningPoint>;
+
+/// Number of turning points that are left at e: a loop that was passed is wiped out, a turning
+/// point that was passed backward never was one. Odd: the felt rises from the last of them.
+std::size_t left_at(double e, const TurningPoints& turns);
 
 /// Memory of a law: integrated states, and the largest compression, which changes only at
 /// reversals (and by recovery) and is constant in between.

@@ -14,16 +14,22 @@ namespace feltmb {
 /// unloading branch of the cycle to e_m and the virgin loading curve:
 ///   F = F_U + z D,  F_U = F_L(e) rho(e / e_m),  D = F_L - F_U     for e < e_m,
 ///   F = F_L(e),  e_m = e                                          for e >= e_m,
-///   dz/dt = (D / c) [(1 - z) max(de/dt, 0) - z max(-de/dt, 0)],   c = kappa W(e_m).
+///   dz/dt = (D / c) [(1 - z) max(de/dt, 0) - z max(-de/dt, 0)]     for e < e_m,
+///   dz/dt = -(z / c) W'(e_m) de_m/dt                               on virgin loading,
+///   c = kappa W(e_m).
 /// D vanishes at 0 and at e_m, so the force has no jump at a reversal; reloading meets F_L at e_m.
-/// Stored energy psi = integral of (F_U + D/2) + (c/4)(2 z - 1)^2: the power left over,
-/// (D/2)(2 z - 1)^2 |de/dt| at fixed e_m and (1/2 - kappa (2 z - 1)^2 / 4) W'(e_m) de_m/dt on
-/// virgin loading, is never negative for kappa <= 2: the law is passive.
+/// Stored energy psi = integral of (F_U + D/2) + (c/4)(2 z - 1)^2. The power left over is
+/// (D/2)(2 z - 1)^2 |de/dt| at fixed e_m. On virgin loading it is W'(e_m) de_m/dt times
+/// 1/2 - kappa (2 z - 1)^2 / 4 + z (2 z - 1) = (1 - kappa / 2)(2 z - 1)^2 / 2 + z. Neither is
+/// negative for kappa <= 2: the law is passive.
 ///
-/// Virgin loading keeps z: a felt that was never let go (z = 0) unloads from e_m along F_U, the
-/// measured curve, one that was reloaded to e_m (z near 1) along a higher one. To set z back there
-/// would not be passive. The option `wiping_out` = w > 0 takes earlier cycles out of the memory:
-/// with the area Q(e) = integral of D from 0 to e and R = W - Q
+/// A felt that was reloaded to e_m (z near 1) unloads from there along a higher force than one that
+/// was never let go (z = 0), whose unloading is the measured F_U. Virgin loading wipes this out
+/// as its loop grows by the length c, as unloading does: what a felt remembers of a compression
+/// fades with the share of the area that this had, and a loop of no area leaves nothing. To set z
+/// to 0 at e_m at once would not be passive. The option `wiping_out` = w > 0 takes earlier cycles
+/// out of the memory within the loop, too: with the area Q(e) = integral of D from 0 to e and
+/// R = W - Q
 ///   dz/dt = D [(1 - z) max(de/dt, 0) / (w Q + c) - z max(-de/dt, 0) / (w R + c)].
 /// Near the return points e = 0 and e_m, where Q or R is small, the transition takes an area of the
 /// order of c only, so that for kappa << w every cycle to e_m runs along F_L and F_U; between them
@@ -31,7 +37,8 @@ namespace feltmb {
 /// z* = 1 - (w Q + c) / S, k = S / (2 (1 + w)),
 ///   psi = integral of (F_U + z* D) + k (z - z*)^2;
 /// power left over: 2 k (z - z*)^2 D |de/dt| / (w Q + c) loading, with R unloading, and
-/// (1/2 - k (z - z*)^2 / W) W'(e_m) de_m/dt on virgin loading: not negative for kappa <= 2, any w.
+/// (1/2 - k (z - z*)^2 / W + 2 k z (z - z*) / c) W'(e_m) de_m/dt on virgin loading: not negative
+/// for kappa <= 2, any w.
 ///
 /// Options, off by default:
 /// recovery of e_m while open, exp(-t / recovery_time); creep, a Kelvin element in series (thesis
@@ -48,7 +55,7 @@ struct FeltMemory {
   double creep_damping = 0.0;    ///< its damper [N s/m], > 0 with creep
   double rate_amplitude = 0.0;   ///< [-], >= 0
   double rate_time = 0.0;        ///< [s], > 0 with a rate term
-  double wiping_out = 0.0;       ///< w [-], >= 0; 0: z is kept over virgin loading
+  double wiping_out = 0.0;       ///< w [-], >= 0; 0: only virgin loading wipes out
 
   static constexpr LawName kNames[] = {
       {"felt_memory", "rate independent, remembers its largest compression, passive"}};
@@ -105,6 +112,9 @@ struct FeltMemory {
   /// Exact at fixed e_m without options: 1 - z decreases by exp(-A/c) in loading, and z in
   /// unloading, where A is the area of the traversed band. The force depends on the path only.
   bool advance(PathPoint& at, double compression, double duration) const;
+  /// What virgin loading from `largest` makes of z, exactly: z (W / W')^(1 / kappa). No force of
+  /// it depends on z, so that an integrator may leave z alone until the felt turns.
+  void widen(double compression, double largest, double* state) const;
   void limit(double* state) const { state[0] = std::clamp(state[0], 0.0, 1.0); }
 };
 
