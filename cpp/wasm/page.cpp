@@ -80,7 +80,7 @@ struct Machine {
     return out;
   }
 
-  void simulate_now(const Input& input, SimulationOptions options) {
+  void simulate_now(const InputSignal& input, SimulationOptions options) {
     assemble_now();
     options.peak_contacts = peak_contacts;
     options.lowest_points = lowest_points;

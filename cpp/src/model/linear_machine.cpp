@@ -53,8 +53,8 @@ bool is_linear(const Mechanism& m) {
 std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
   if (!is_linear(m)) return std::nullopt;
   LinearMachine out;
-  const std::size_t n = at(m.size());
-  const std::size_t size = n + at(m.total_modes);
+  const std::size_t n = as_index(m.size());
+  const std::size_t size = n + as_index(m.total_modes);
   out.stiffness.assign(size, 0.0);
   out.damping.assign(size, 0.0);
   out.root_mass.assign(n, 0.0);
@@ -63,8 +63,8 @@ std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
   std::vector<double> weight(size, 0.0);
   bool heavy = false;
   for (std::size_t i = 1; i < m.links.size(); ++i) {
-    const Motion& motion = m.motions[at(m.links[i].motions[0])];
-    coordinate[i] = at(motion.coordinate);
+    const Motion& motion = m.motions[as_index(m.links[i].motions[0])];
+    coordinate[i] = as_index(motion.coordinate);
     along[i] = m.links[i].base * motion.translation;
     out.root_mass[coordinate[i]] = std::sqrt(m.links[i].mass);
     weight[coordinate[i]] = out.root_mass[coordinate[i]] * dot(m.gravity, along[i]);
@@ -81,22 +81,22 @@ std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
     const Contact& c = m.contacts[i];
     if (!c.enabled) continue;
     const auto place = [&](LinkPoint p) {
-      return m.links[at(p.link)].position + m.links[at(p.link)].base * p.local;
+      return m.links[as_index(p.link)].position + m.links[as_index(p.link)].base * p.local;
     };
-    const Vec2 normal = m.links[at(c.a.link)].base * c.normal_a;
+    const Vec2 normal = m.links[as_index(c.a.link)].base * c.normal_a;
     modal::ModalContact contact;
     contact.gradient.assign(size, 0.0);
     contact.offset = c.radius_b - dot(normal, place(c.b) - place(c.a));
     for (const auto& [point, sign] : {std::pair{c.a, 1.0}, std::pair{c.b, -1.0}}) {
       if (point.link == 0) continue;
-      const std::size_t k = coordinate[at(point.link)];
-      contact.gradient[k] += sign * dot(normal, along[at(point.link)]) / out.root_mass[k];
+      const std::size_t k = coordinate[as_index(point.link)];
+      contact.gradient[k] += sign * dot(normal, along[as_index(point.link)]) / out.root_mass[k];
     }
     if (c.string_contact >= 0) {
-      const StringContact& touch = m.string_contacts[at(c.string_contact)];
+      const StringContact& touch = m.string_contacts[as_index(c.string_contact)];
       const AttachedString& s = m.string_of(touch);
-      std::vector<double> slope(at(s.string.modes()));
-      const std::span<double> phi{contact.gradient.data() + n + at(s.offset), slope.size()};
+      std::vector<double> slope(as_index(s.string.modes()));
+      const std::span<double> phi{contact.gradient.data() + n + as_index(s.offset), slope.size()};
       s.string.shapes(touch.position, phi, slope);
       for (double& p : phi) p *= -touch.side;
     }
@@ -112,8 +112,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
                           const SimulationOptions& options, const SimulationState& start,
                           const Progress& progress) {
   const auto begin = Clock::now();
-  const std::size_t n = at(mechanism->size());
-  const std::size_t modes = at(mechanism->total_modes);
+  const std::size_t n = as_index(mechanism->size());
+  const std::size_t modes = as_index(mechanism->total_modes);
   MechanismSystem system(mechanism, {}, false, {}, false);
   std::vector<double> y(2 * (n + modes), 0.0);
   if (start.y.empty()) {
@@ -178,7 +178,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     out.reached = t;
     for (Lowest& each : out.lowest) {
       system.place(y);
-      const auto& point = mechanism->points[at(each.point)].point;
+      const auto& point = mechanism->points[as_index(each.point)].point;
       each.look(system.dynamics().position(point).y, t == 0.0);
     }
     if (!options.outputs || t < options.outputs_from) return;

@@ -110,17 +110,17 @@ class PeakWatch {
   double force_at(MechanismSystem& system, const Integrator& integrator, double t,
                   std::vector<double>& y) const {
     integrator.interpolate(t, y);
-    const std::size_t own[] = {at(peak_.contact)};
+    const std::size_t own[] = {as_index(peak_.contact)};
     system.locate_only(t, y, own);
     return force_of(system);
   }
 
   double force_of(const MechanismSystem& system) const {
-    const ContactState& s = system.dynamics().contacts()[at(peak_.contact)];
+    const ContactState& s = system.dynamics().contacts()[as_index(peak_.contact)];
     if (!s.closed) return 0.0;
     return system.mechanism()
-        .contacts[at(peak_.contact)]
-        .law.evaluate(s.compression, s.rate, system.dynamics().memory(at(peak_.contact)))
+        .contacts[as_index(peak_.contact)]
+        .law.evaluate(s.compression, s.rate, system.dynamics().memory(as_index(peak_.contact)))
         .force;
   }
 
@@ -241,7 +241,7 @@ void SimulationState::check(const Mechanism& mechanism, std::size_t size) const 
 std::vector<Lowest> Lowest::of(const Mechanism& mechanism, const std::vector<int>& points) {
   std::vector<Lowest> out;
   for (const int point : points) {
-    if (point < 0 || at(point) >= mechanism.points.size()) {
+    if (point < 0 || as_index(point) >= mechanism.points.size()) {
       throw InvalidParameter(format("lowest_points: there is no point %d", point));
     }
     out.push_back({point, 0.0, 0.0});
@@ -286,7 +286,7 @@ struct RunState {
 /// A mechanism with its integrators, ready for runs from any state, one after the other.
 class Simulator {
  public:
-  Simulator(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+  Simulator(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
             const SimulationOptions& options, const SimulationState& start,
             const std::vector<Monitor>& monitors, const Progress& progress)
       : options_(options),
@@ -329,7 +329,7 @@ class Simulator {
   }
 
   /// Another run of the same mechanism and options; nothing of the last one stays but the counts.
-  RunResult again(const Input& input, const SimulationState& start, double duration,
+  RunResult again(const InputSignal& input, const SimulationState& start, double duration,
                   const Progress& progress) {
     const double share = share_of_tolerance(duration);
     system_.set_tolerance(share * options_.rtol);
@@ -452,7 +452,7 @@ class Simulator {
 
  private:
   /// A run begins: its input, state, memory, times to stop at and places of its samples.
-  void begin(const Input& input, const SimulationState& start, double duration,
+  void begin(const InputSignal& input, const SimulationState& start, double duration,
              const Progress& progress) {
     if (!start.y.empty()) start.check(*mechanism_, whole_size_);
     state_ = {};
@@ -477,7 +477,7 @@ class Simulator {
     prepare_result();
   }
 
-  void set_stops(const Input& input) {
+  void set_stops(const InputSignal& input) {
     const auto add_stops = [&](const std::vector<double>& times, bool restart) {
       for (const double on_profile : times) {
         const double t = on_profile - input.origin;
@@ -530,7 +530,7 @@ class Simulator {
     // The error test takes the mean square over all states: one alone may have this error.
     const double own = o.rtol * std::sqrt(static_cast<double>(whole_size_));
     const std::vector<FreeMode> modes =
-        free_modes(mechanism_, std::span<const double>(state_.y).first(at(m.size())));
+        free_modes(mechanism_, std::span<const double>(state_.y).first(as_index(m.size())));
     o.max_order = order_without_growth(order, modes, own, state_.duration);
     if (o.max_order < 3) return;
     o.long_order = o.max_order;
@@ -607,7 +607,7 @@ class Simulator {
   /// jumps: the loop that ends there has another loss than the curve beyond it. A polynomial over
   /// the jump is off by the jump times the step, so the quadrature starts anew there.
   void advance_ledger(const Integrator& integrator, double now, const Reversal& reversal) {
-    const std::size_t nodes = at(integrator.last_order()) + 1;
+    const std::size_t nodes = as_index(integrator.last_order()) + 1;
     if (!remembering_.empty()) find_passes(integrator, now, reversal);
     std::swap(state_.felt_before, felt_after_);
     if (!passes_.empty()) {
@@ -837,9 +837,9 @@ class Simulator {
 
   void restart_at(Integrator& integrator, const Reversal& reversal) {
     integrator.interpolate(reversal.time, state_.y);
-    double& remembered = largest()[at(reversal.contact)];
-    mechanism_->contacts[at(reversal.contact)].law.turn(
-        reversal.compression, remembered, system_.dynamics().turns(at(reversal.contact)));
+    double& remembered = largest()[as_index(reversal.contact)];
+    mechanism_->contacts[as_index(reversal.contact)].law.turn(
+        reversal.compression, remembered, system_.dynamics().turns(as_index(reversal.contact)));
     remembered = std::max(remembered, reversal.compression);
     start_at(integrator, reversal.time);
     read_felt_rates(reversal.time, reversal.contact);
@@ -906,7 +906,7 @@ class Simulator {
       system_.place(y);
     }
     for (Lowest& each : state_.result.lowest) {
-      const auto& point = system_.mechanism().points[at(each.point)].point;
+      const auto& point = system_.mechanism().points[as_index(each.point)].point;
       each.look(system_.dynamics().position(point).y, state_.next_sample == 0);
     }
     state_.last_sample = t;
@@ -928,7 +928,7 @@ class Simulator {
   void look_at_deflections(double t, std::span<const double> row) {
     for (std::size_t b = 0; b < state_.result.deflections.size(); ++b) {
       const FlexibleBeam& beam = system_.mechanism().beams[b];
-      const double now = beam.deflection(row.subspan(at(beam.first), at(beam.count)));
+      const double now = beam.deflection(row.subspan(as_index(beam.first), as_index(beam.count)));
       Deflection& seen = state_.result.deflections[b];
       if (now <= seen.largest) continue;
       seen.largest = now;
@@ -957,7 +957,7 @@ class Simulator {
       for (std::size_t i = 0; i < state_.recovered.size(); ++i) {
         ledger_scratch_[2 + 2 * i] += state_.recovered[i];
       }
-      const std::size_t strings = 2 + 2 * state_.recovered.size() + at(system_.coordinates());
+      const std::size_t strings = 2 + 2 * state_.recovered.size() + as_index(system_.coordinates());
       for (std::size_t s = 0; s < state_.string_heat.size(); ++s) {
         ledger_scratch_[strings + s] += state_.string_heat[s];
         if (system_.strings_apart()) ledger_scratch_[strings + s] += system_.string_heat(s);
@@ -984,7 +984,7 @@ class Simulator {
       approach[i] = -dot(contacts[i].normal, contacts[i].relative_velocity);
     }
     const std::span<const double> y{scratch_};
-    append_row(state_.result.event_states, row, y.subspan(0, 2 * at(system_.coordinates())));
+    append_row(state_.result.event_states, row, y.subspan(0, 2 * as_index(system_.coordinates())));
     append_row(state_.result.event_compression, row, compression);
     append_row(state_.result.event_approach, row, approach);
     SimulationEvent event;
@@ -1007,7 +1007,7 @@ class Simulator {
     }
     ++state_.state_counts[state];
     const int contact = system_.stiffest_contact(state);
-    if (contact >= 0) ++state_.contact_counts[at(contact)];
+    if (contact >= 0) ++state_.contact_counts[as_index(contact)];
   }
 
   bool may_go_on(Integrator& integrator, long steps) {
@@ -1028,7 +1028,7 @@ class Simulator {
         const int contact = system_.stiffest_contact(state);
         state_.result.failed_state = system_.state_name(state);
         if (contact >= 0)
-          state_.result.failed_contact = system_.mechanism().contacts[at(contact)].name;
+          state_.result.failed_contact = system_.mechanism().contacts[as_index(contact)].name;
         state_.result.message = format(
             "no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s limits "
             "the step%s%s",
@@ -1093,7 +1093,8 @@ class Simulator {
     const std::size_t state = integrator.limiting_state();
     state_.result.failed_state = system_.state_name(state);
     const int contact = system_.stiffest_contact(state);
-    if (contact >= 0) state_.result.failed_contact = system_.mechanism().contacts[at(contact)].name;
+    if (contact >= 0)
+      state_.result.failed_contact = system_.mechanism().contacts[as_index(contact)].name;
     state_.result.message =
         format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s", t,
                integrator.last_step(), why.c_str(), state_.result.failed_state.c_str());
@@ -1247,7 +1248,7 @@ struct Stepper::Impl {
        const StepperOptions& options, const std::vector<Monitor>& monitors, StepState rest)
       : kind(input),
         state(std::move(rest)),
-        simulator(mechanism, Input{going_on({}), input}, for_steps(options), state.machine,
+        simulator(mechanism, InputSignal{going_on({}), input}, for_steps(options), state.machine,
                   monitors, Progress{}),
         channels(*mechanism) {
     simulator.prepare_steps();
@@ -1412,7 +1413,7 @@ void RunResult::name_outputs(const Channels& channels) {
   }
 }
 
-RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
                    const SimulationOptions& options, const SimulationState& start,
                    const std::vector<Monitor>& monitors, const Progress& progress) {
   check(options);

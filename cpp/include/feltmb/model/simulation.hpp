@@ -180,7 +180,7 @@ using Progress = std::function<bool(double)>;
 
 /// Integrates from `start` (the rest pose if y is empty). The clock starts at 0.
 /// Throws InvalidParameter for bad options; a solver failure is a status, not an exception.
-RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
                    const SimulationOptions& options, const SimulationState& start = {},
                    const std::vector<Monitor>& monitors = {}, const Progress& progress = {});
 
