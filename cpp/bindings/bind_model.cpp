@@ -127,6 +127,7 @@ void bind_model(py::module_& m) {
 
   py::class_<RunResult>(m, "RunResult")
       .def_property_readonly("status", [](const RunResult& r) { return status_name(r.status); })
+      .def_property_readonly("code", [](const RunResult& r) { return error_code_name(r.code); })
       .def_readonly("message", &RunResult::message)
       .def_property_readonly("method", [](const RunResult& r) { return method_name(r.method); })
       .def_readonly("strikes", &RunResult::strikes)

@@ -88,7 +88,7 @@ struct Machine {
       options.finger_reference = finger_place(mechanism, rest_pose());
     }
     run = simulate(mechanism, input, options, SimulationState::of(rest), monitors());
-    if (run.status != RunStatus::kDone) throw Error(run.message);
+    if (run.status != RunStatus::kDone) throw Error(run.message, run.code);
   }
 
   template <class Matrix>

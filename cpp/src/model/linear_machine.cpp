@@ -189,7 +189,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     for (Eigen::Index i = 0; i < out.data.cols(); ++i) {
       if (std::isfinite(out.data(row, i))) continue;
       throw Error(format("failed at t = %.9g s: %s is not a finite number", t,
-                         out.names[static_cast<std::size_t>(i)].c_str()));
+                         out.names[static_cast<std::size_t>(i)].c_str()),
+                  ErrorCode::kNotFinite);
     }
     ++row;
   };
@@ -212,20 +213,23 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
       }
     }
   };
-  const auto stop = [&](RunStatus status, const std::string& why) {
+  const auto stop = [&](RunStatus status, ErrorCode code, const std::string& why) {
     out.status = status;
+    out.code = code;
     out.message = why;
   };
   const auto may_go_on = [&](const modal::ModalContactStepper& s) {
     const double wall = std::chrono::duration<double>(Clock::now() - begin).count();
     if (s.counts().steps >= options.max_steps) {
-      stop(RunStatus::kFailed,
+      stop(RunStatus::kFailed, ErrorCode::kTooManySteps,
            format("%ld steps were not enough; reached t = %.6g s", s.counts().steps, out.reached));
     } else if (options.max_wall > 0.0 && wall > options.max_wall) {
-      stop(RunStatus::kWallTime, format("wall time limit of %.3g s reached at t = %.6g s",
-                                        options.max_wall, out.reached));
+      stop(
+          RunStatus::kWallTime, ErrorCode::kWallTime,
+          format("wall time limit of %.3g s reached at t = %.6g s", options.max_wall, out.reached));
     } else if (progress && !progress(out.reached)) {
-      stop(RunStatus::kInterrupted, format("interrupted at t = %.6g s", out.reached));
+      stop(RunStatus::kInterrupted, ErrorCode::kInterrupted,
+           format("interrupted at t = %.6g s", out.reached));
     }
     return out.status == RunStatus::kDone;
   };
@@ -256,7 +260,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   } catch (const InvalidParameter&) {
     throw;
   } catch (const Error& error) {
-    stop(RunStatus::kFailed, error.what());
+    stop(RunStatus::kFailed, error.code(), error.what());
   }
   take(stepper);
   if (options.outputs) {

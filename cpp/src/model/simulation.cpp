@@ -379,14 +379,16 @@ class Simulator {
     long steps = 0;
     while (going) {
       StepStatus status = StepStatus::kFailed;
+      ErrorCode code = ErrorCode::kNotConverged;
       std::string thrown;
       try {
         status = integrator->step(state_.stops[next_stop].time);
       } catch (const Error& error) {
+        code = error.code();
         thrown = error.what();
       }
       if (status == StepStatus::kFailed) {
-        fail(*integrator, thrown.empty() ? integrator->message() : thrown);
+        fail(*integrator, code, thrown.empty() ? integrator->message() : thrown);
         break;
       }
       ++steps;
@@ -403,7 +405,7 @@ class Simulator {
       const double now = reversal.contact >= 0 ? reversal.time : struck ? strike : reached;
       if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
         sample_until(*integrator, now);
-        fail_at(now, beyond);
+        fail_at(now, ErrorCode::kBeyondString, beyond);
         break;
       }
       for (auto& watch : state_.watches) watch.look(system_, *integrator, now, scratch_);
@@ -413,7 +415,7 @@ class Simulator {
       if (state_.ledger.size() > 0) advance_ledger(*integrator, now, reversal);
       sample_until(*integrator, now);
       if (!state_.broken.empty()) {
-        fail_at(state_.last_sample, state_.broken);
+        fail_at(state_.last_sample, ErrorCode::kNotFinite, state_.broken);
         break;
       }
       if (now < reached) state_.ledger.cut(now);
@@ -1013,8 +1015,8 @@ class Simulator {
   bool may_go_on(Integrator& integrator, long steps) {
     const double now = integrator.time();
     if (steps >= options_.max_steps) {
-      state_.result.status = RunStatus::kFailed;
-      state_.result.message = format("%ld steps were not enough; reached t = %.6g s", steps, now);
+      stop(RunStatus::kFailed, ErrorCode::kTooManySteps,
+           format("%ld steps were not enough; reached t = %.6g s", steps, now));
       return false;
     }
     if (steps % 64 != 0) return true;
@@ -1023,17 +1025,12 @@ class Simulator {
     constexpr double least = 1e-5;  // s
     if (steps - state_.progress_step >= window) {
       if (now - state_.progress_time < least) {
-        state_.result.status = RunStatus::kFailed;
-        const std::size_t state = integrator.limiting_state();
-        const int contact = system_.stiffest_contact(state);
-        state_.result.failed_state = system_.state_name(state);
-        if (contact >= 0)
-          state_.result.failed_contact = system_.mechanism().contacts[as_index(contact)].name;
-        state_.result.message = format(
-            "no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s limits "
-            "the step%s%s",
-            window, now - state_.progress_time, now, state_.result.failed_state.c_str(),
-            contact >= 0 ? ", stiffest contact there " : "", state_.result.failed_contact.c_str());
+        const std::string where = name_limit(integrator);
+        stop(RunStatus::kFailed, ErrorCode::kNoProgress,
+             format("no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s "
+                    "limits the step%s",
+                    window, now - state_.progress_time, now, state_.result.failed_state.c_str(),
+                    where.c_str()));
         return false;
       }
       state_.progress_step = steps;
@@ -1041,25 +1038,29 @@ class Simulator {
     }
     const double wall = std::chrono::duration<double>(Clock::now() - state_.begin).count();
     if (options_.max_wall > 0.0 && wall > options_.max_wall) {
-      state_.result.status = RunStatus::kWallTime;
-      state_.result.message =
-          format("wall time limit of %.3g s reached at t = %.6g s", options_.max_wall, now);
+      stop(RunStatus::kWallTime, ErrorCode::kWallTime,
+           format("wall time limit of %.3g s reached at t = %.6g s", options_.max_wall, now));
       return false;
     }
     if (state_.progress && wall >= state_.next_report) {
       state_.next_report = wall + 0.05;
       if (!state_.progress(now)) {
-        state_.result.status = RunStatus::kInterrupted;
-        state_.result.message = format("interrupted at t = %.6g s", now);
+        stop(RunStatus::kInterrupted, ErrorCode::kInterrupted,
+             format("interrupted at t = %.6g s", now));
         return false;
       }
     }
     return true;
   }
 
-  void fail_at(double t, const std::string& why) {
-    state_.result.status = RunStatus::kFailed;
-    state_.result.message = format("failed at t = %.9g s: %s", t, why.c_str());
+  void stop(RunStatus status, ErrorCode code, std::string why) {
+    state_.result.status = status;
+    state_.result.code = code;
+    state_.result.message = std::move(why);
+  }
+
+  void fail_at(double t, ErrorCode code, const std::string& why) {
+    stop(RunStatus::kFailed, code, format("failed at t = %.9g s: %s", t, why.c_str()));
   }
 
   /// Which law gives no number where the motion would go on from here, if one does.
@@ -1087,21 +1088,23 @@ class Simulator {
     return "";
   }
 
-  void fail(Integrator& integrator, const std::string& why) {
-    state_.result.status = RunStatus::kFailed;
-    const double t = integrator.time();
+  /// Keeps the state and the contact that limit the step, and tells the contact.
+  std::string name_limit(Integrator& integrator) {
     const std::size_t state = integrator.limiting_state();
-    state_.result.failed_state = system_.state_name(state);
     const int contact = system_.stiffest_contact(state);
-    if (contact >= 0)
-      state_.result.failed_contact = system_.mechanism().contacts[as_index(contact)].name;
-    state_.result.message =
-        format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s", t,
-               integrator.last_step(), why.c_str(), state_.result.failed_state.c_str());
-    if (contact >= 0) {
-      state_.result.message += ", stiffest contact there " + state_.result.failed_contact;
-    }
-    state_.result.message += broken_law(integrator);
+    state_.result.failed_state = system_.state_name(state);
+    if (contact < 0) return "";
+    state_.result.failed_contact = mechanism_->contacts[as_index(contact)].name;
+    return ", stiffest contact there " + state_.result.failed_contact;
+  }
+
+  void fail(Integrator& integrator, ErrorCode code, const std::string& why) {
+    const std::string where = name_limit(integrator);
+    stop(RunStatus::kFailed, code,
+         format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s",
+                integrator.time(), integrator.last_step(), why.c_str(),
+                state_.result.failed_state.c_str()) +
+             where + broken_law(integrator));
   }
 
   void finish(Integrator& integrator) {
@@ -1125,7 +1128,7 @@ class Simulator {
     }
     look_for_nan(state_.result.end.y, [&](std::size_t i) { return system_.state_name(i); });
     if (!state_.broken.empty() && state_.result.status == RunStatus::kDone)
-      fail_at(state_.result.reached, state_.broken);
+      fail_at(state_.result.reached, ErrorCode::kNotFinite, state_.broken);
     balance();
     const auto event_rows = static_cast<Eigen::Index>(state_.result.events.size());
     state_.result.event_states.conservativeResize(event_rows, 2 * system_.coordinates());
@@ -1169,12 +1172,12 @@ class Simulator {
         !(b.residual_relative > options_.ledger_limit)) {
       return;
     }
-    state_.result.status = RunStatus::kFailed;
-    state_.result.message = format(
-        "the energy balance error reaches %.3g J, %.3g %% of the exchanged energy of %.3g J, "
-        "expected at most %.3g %% (ledger_limit); use a smaller rtol",
-        b.residual_largest, 100.0 * b.residual_relative, b.turned_over,
-        100.0 * options_.ledger_limit);
+    stop(RunStatus::kFailed, ErrorCode::kEnergyBalance,
+         format(
+             "the energy balance error reaches %.3g J, %.3g %% of the exchanged energy of %.3g J, "
+             "expected at most %.3g %% (ledger_limit); use a smaller rtol",
+             b.residual_largest, 100.0 * b.residual_relative, b.turned_over,
+             100.0 * options_.ledger_limit));
   }
 
   template <class Name>
@@ -1354,6 +1357,7 @@ StepResult Stepper::advance(double duration, const StepInput& input, Hold hold,
   RunResult done = d.simulator.again({profile, d.kind}, d.state.machine, duration, progress);
   StepResult out;
   out.status = done.status;
+  out.code = done.code;
   out.message = std::move(done.message);
   out.failed_state = std::move(done.failed_state);
   out.failed_contact = std::move(done.failed_contact);

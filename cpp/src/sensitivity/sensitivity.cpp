@@ -157,7 +157,7 @@ class SegmentRun {
     const auto now = Clock::now();
     if (!progress_ || now - reported_ < std::chrono::milliseconds(100)) return;
     reported_ = now;
-    if (!progress_(t)) throw Error("sensitivities: stopped");
+    if (!progress_(t)) throw Error("sensitivities: stopped", ErrorCode::kInterrupted);
   }
 
   void simulate_stroke(Trajectory& trajectory, const SimulationState& start) {

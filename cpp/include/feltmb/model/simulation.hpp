@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "feltmb/core/error.hpp"
 #include "feltmb/model/channels.hpp"
 #include "feltmb/model/mechanism_system.hpp"
 #include "feltmb/ode/integrator.hpp"
@@ -140,9 +141,10 @@ const char* status_name(RunStatus status);
 
 struct RunResult {
   RunStatus status = RunStatus::kDone;
-  std::string message;       ///< why the run stopped early; empty when done
-  double reached = 0.0;      ///< [s]
-  std::string failed_state;  ///< with the largest error at the failure
+  ErrorCode code = ErrorCode::kNone;  ///< why the run stopped early
+  std::string message;                ///< empty when done
+  double reached = 0.0;               ///< [s]
+  std::string failed_state;           ///< with the largest error at the failure
   std::string failed_contact;
 
   Eigen::VectorXd time;            ///< (n_times) [s]
