@@ -7,6 +7,20 @@
 #include "feltmb/core/index.hpp"
 
 namespace feltmb {
+namespace {
+
+/// x^T A x / 2 with the lower triangle of a symmetric A.
+double half_quadratic(const Eigen::MatrixXd& a, const double* x) {
+  double sum = 0.0;
+  for (Eigen::Index k = 0; k < a.cols(); ++k) {
+    double product = 0.5 * a(k, k) * x[k];
+    for (Eigen::Index i = k + 1; i < a.rows(); ++i) product += a(i, k) * x[i];
+    sum += product * x[k];
+  }
+  return sum;
+}
+
+}  // namespace
 
 Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     : m_(std::move(mechanism)), n_(m_->size()) {
@@ -61,6 +75,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   q_.assign(n, 0.0);
   v_.assign(n, 0.0);
   force_.setZero(n_);
+  joint_friction_.setZero(n_);
   acceleration_.setZero(n_);
   mass_.setZero(n_, n_);
   factor_.setZero(n_, n_);
@@ -336,15 +351,17 @@ void Dynamics::add_beam(std::size_t index) {
 
 /// Starts the generalized forces with the resistance of the joints, as joint_friction has it.
 void Dynamics::resist_joints() {
-  force_.setZero();
+  joint_friction_.setZero();
   for (std::size_t i = 0; i < turning_.size(); ++i) {
     const int k = turning_[i];
     resistance_[i] = feltmb::evaluate(m_->joint_friction[as_index(k)], v_[as_index(k)]);
-    force_[k] = -resistance_[i].value;
+    joint_friction_[k] = resistance_[i].value;
   }
   for (const Dashpot& d : m_->dashpots) {
-    force_[d.coordinate] -= d.against(v_[as_index(d.coordinate)]).value;
+    joint_friction_[d.coordinate] += d.against(v_[as_index(d.coordinate)]).value;
   }
+  force_.setZero();
+  force_ -= joint_friction_;
 }
 
 void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail detail) {
@@ -357,6 +374,8 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
+  const bool condensed_too = detail == Detail::kAllContacts && !condensed_.empty();
+  if (condensed_too) hold_condensed(false);
   for (const int place : filled_) mass_.data()[place] = 0.0;
   resist_joints();
   load_[0] = applied_[0];
@@ -398,7 +417,11 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
     }
   }
   if (drive.kind == InputKind::kTorque) force_[drive.coordinate] += drive.force;
-  if (!condensed_.empty()) hold_condensed();
+  if (condensed_too) take_out_condensed();
+  for (const int k : condensed_) {
+    mass_(k, k) = 1.0;
+    force_[k] = 0.0;
+  }
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
@@ -408,56 +431,50 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
 
 void Dynamics::condense_axial() {
   condensed_.clear();
-  std::fill(held_.begin(), held_.end(), char{0});
+  axial_stiffness_.clear();
   for (const FlexibleBeam& beam : m_->beams) {
-    if (!beam.condense_axial) continue;
-    for (int k = 0; k < beam.shapes.axial(); ++k) {
-      condensed_.push_back(beam.first + k);
-      held_[as_index(beam.first + k)] = 1;
-    }
+    const int axial = beam.condense_axial ? beam.shapes.axial() : 0;
+    for (int k = 0; k < axial; ++k) condensed_.push_back(beam.first + k);
+    axial_stiffness_.emplace_back(beam.stiffness.topLeftCorner(axial, axial));
   }
+  condensed_mass_.setZero(static_cast<Eigen::Index>(condensed_.size()), n_);
+  condensed_force_.setZero(condensed_mass_.rows());
+  hold_condensed(true);
+}
+
+/// Whether the condensed coordinates are left out of the equations.
+void Dynamics::hold_condensed(bool hold) {
+  for (const int k : condensed_) held_[as_index(k)] = hold ? 1 : 0;
   for (Twist& twist : twist_) twist.held = held_[as_index(twist.coordinate)];
 }
 
-void Dynamics::hold_condensed() {
+/// Their equations, which were assembled with the others, are kept apart.
+void Dynamics::take_out_condensed() {
+  hold_condensed(true);
+  for (std::size_t i = 0; i < condensed_.size(); ++i) {
+    const int k = condensed_[i];
+    const auto row = static_cast<Eigen::Index>(i);
+    condensed_mass_.row(row) = mass_.row(k);
+    condensed_force_[row] = force_[k];
+  }
   for (const int k : condensed_) {
-    mass_(k, k) = 1.0;
-    force_[k] = 0.0;
+    mass_.row(k).setZero();
+    mass_.col(k).setZero();
   }
 }
 
-void Dynamics::add_condensed_deflection(std::span<double> q) {
-  if (condensed_.empty()) return;
-  complete_links();
-  for (const FlexibleBeam& beam : m_->beams) {
-    const int axial = beam.shapes.axial();
-    if (!beam.condense_axial || axial == 0) continue;
-    // Applied minus inertial force along each held coordinate, of all links that it moves.
-    Eigen::VectorXd f = Eigen::VectorXd::Zero(axial);
-    for (std::size_t i = 1; i < links_.size(); ++i) {
-      const Link& link = m_->links[i];
-      for (int k = 0; k < axial; ++k) {
-        const int motion = motion_of(beam.first + k, static_cast<int>(i));
-        if (motion < 0) continue;
-        const LinkState& state = links_[i];
-        const Vec2 arm = state.rotation * link.center_of_mass;
-        const Vec2 relative = state.acceleration - state.bias + state.alpha * perp(arm);
-        f[k] += dot(translation_[as_index(motion)], applied_[i].force - link.mass * relative);
-      }
-    }
-    const Eigen::Map<const Eigen::VectorXd> held(q_.data() + beam.first, beam.count);
-    f -= (beam.stiffness * held).head(axial);
-    const Eigen::VectorXd u = beam.stiffness.topLeftCorner(axial, axial).ldlt().solve(f);
-    for (int k = 0; k < axial; ++k) q[as_index(beam.first + k)] += u[k];
+void Dynamics::add_condensed_deflection(std::span<double> q) const {
+  Eigen::Index row = 0;
+  for (std::size_t b = 0; b < axial_stiffness_.size(); ++b) {
+    const Eigen::Index axial = axial_stiffness_[b].rows();
+    if (axial == 0) continue;
+    const Eigen::VectorXd u =
+        axial_stiffness_[b].solve(condensed_force_.segment(row, axial) -
+                                  condensed_mass_.middleRows(row, axial) * acceleration_);
+    for (Eigen::Index k = 0; k < axial; ++k)
+      q[as_index(m_->beams[b].first + static_cast<int>(k))] += u[k];
+    row += axial;
   }
-}
-
-double Dynamics::joint_friction(int k) const {
-  double value = feltmb::evaluate(m_->joint_friction[as_index(k)], v_[as_index(k)]).value;
-  for (const Dashpot& d : m_->dashpots) {
-    if (d.coordinate == k) value += d.against(v_[as_index(k)]).value;
-  }
-  return value;
 }
 
 double Dynamics::strap_force(int strap) const { return strap_pull_[as_index(strap)]; }
@@ -510,8 +527,16 @@ std::span<const double> Dynamics::dphi(int string_contact) const {
 }
 
 double Dynamics::kinetic_energy(std::span<const double> v) const {
-  const Eigen::Map<const Eigen::VectorXd> velocity(v.data(), n_);
-  return 0.5 * velocity.dot(mass_ * velocity);
+  double energy = 0.0;
+  for (int k = 0; k < n_; ++k) {
+    double momentum = 0.5 * mass_(k, k) * v[as_index(k)];
+    for (int i = m_->coordinate_parent[as_index(k)]; i >= 0;
+         i = m_->coordinate_parent[as_index(i)]) {
+      momentum += mass_(k, i) * v[as_index(i)];
+    }
+    energy += momentum * v[as_index(k)];
+  }
+  return energy;
 }
 
 double Dynamics::gravity_energy() const {
@@ -545,14 +570,12 @@ double Dynamics::spring_energy(std::span<const double> q) const {
 
 double Dynamics::beam_energy(int index, std::span<const double> q) const {
   const FlexibleBeam& beam = m_->beams[as_index(index)];
-  const Eigen::Map<const Eigen::VectorXd> e(q.data() + beam.first, beam.count);
-  return 0.5 * e.dot(beam.stiffness * e);
+  return half_quadratic(beam.stiffness, q.data() + beam.first);
 }
 
 double Dynamics::beam_damping_power(int index) const {
   const FlexibleBeam& beam = m_->beams[as_index(index)];
-  const Eigen::Map<const Eigen::VectorXd> rate(v_.data() + beam.first, beam.count);
-  return beam.damping_time * rate.dot(beam.stiffness * rate);
+  return 2.0 * beam.damping_time * half_quadratic(beam.stiffness, v_.data() + beam.first);
 }
 
 double Dynamics::strap_energy(int index) const {
