@@ -67,12 +67,12 @@ std::uint64_t checksum(const double* values, std::size_t count) {
   return hash;
 }
 
-feltmb::Input ramp(double force, double start, double rise) {
+feltmb::InputSignal ramp(double force, double start, double rise) {
   return {feltmb::Profile({start, start + rise}, {0.0, force},
                           feltmb::Profile::Interpolation::kLinear)};
 }
 
-feltmb::Input pulse(double force, double start, double half) {
+feltmb::InputSignal pulse(double force, double start, double half) {
   return {feltmb::Profile({start, start + half, start + 2 * half}, {0.0, force, 0.0},
                           feltmb::Profile::Interpolation::kLinear)};
 }
@@ -104,7 +104,7 @@ feltmb::MechanismDescription action(Members members) {
   return description;
 }
 
-CaseResult stroke(const std::string& name, Members members, const feltmb::Input& input,
+CaseResult stroke(const std::string& name, Members members, const feltmb::InputSignal& input,
                   double duration, bool outputs, int repeat,
                   feltmb::Method method = feltmb::Method::kAuto) {
   const auto mechanism = feltmb::assemble(action(members));
@@ -141,7 +141,7 @@ CaseResult stroke(const std::string& name, Members members, const feltmb::Input&
 
 /// A stroke of 0.4 s, timed without a reference.
 CaseResult timed_stroke(const std::string& name, const feltmb::MechanismDescription& description,
-                        const feltmb::Input& input, feltmb::Method method, int repeat) {
+                        const feltmb::InputSignal& input, feltmb::Method method, int repeat) {
   const auto mechanism = feltmb::assemble(description);
   feltmb::SimulationOptions options;
   options.ledger = options.outputs = options.diagnose = false;
@@ -224,7 +224,7 @@ CaseResult sized_evaluation(const std::string& name, int bodies, int contacts, i
 /// Time of one evaluation at states along the forte stroke.
 CaseResult evaluation(bool flexible, const std::string& what, int repeat) {
   const auto mechanism = feltmb::assemble(feltmb::bench::steinway45(flexible));
-  const feltmb::Input input = ramp(25.0, 0.05, 0.0905);
+  const feltmb::InputSignal input = ramp(25.0, 0.05, 0.0905);
   feltmb::SimulationOptions options;
   options.output_rate = 1000.0;
   options.ledger = false;
@@ -283,7 +283,7 @@ CaseResult law_evaluation(const std::string& name, const feltmb::LawParameters& 
 }
 
 /// One stroke under several contact laws, taken in turn so that the load of the machine is shared.
-std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::Input& input,
+std::vector<CaseResult> law_strokes(const std::string& name, const feltmb::InputSignal& input,
                                     double duration, int repeat, const std::string& filter) {
   using feltmb::ExponentialPair;
   const auto felts = feltmb::bench::felts();
@@ -610,7 +610,7 @@ int main(int argc, char** argv) {
   std::vector<std::pair<std::string, std::function<CaseResult()>>> cases;
   for (const bool flexible : {false, true}) {
     const std::string kind = flexible ? "flexible_" : "rigid_";
-    const auto add = [&](const std::string& name, const feltmb::Input& input, double end,
+    const auto add = [&](const std::string& name, const feltmb::InputSignal& input, double end,
                          bool outputs) {
       cases.emplace_back(kind + name, [=] {
         return stroke(kind + name, flexible ? Members::kFlexible : Members::kRigid, input, end,

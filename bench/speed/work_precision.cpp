@@ -26,10 +26,10 @@ constexpr double kRate = 4000.0;  // samples a second [Hz]
 struct Case {
   std::string name;
   std::shared_ptr<const Mechanism> mechanism;
-  std::vector<Input> inputs;
+  std::vector<InputSignal> inputs;
 };
 
-Input ramp(double force, double start, double rise) {
+InputSignal ramp(double force, double start, double rise) {
   return {Profile({start, start + rise}, {0.0, force}, Profile::Interpolation::kLinear)};
 }
 

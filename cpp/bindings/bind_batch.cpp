@@ -13,7 +13,7 @@ namespace feltmb::python {
 
 void bind_batch(py::module_& m) {
   py::class_<BatchStroke>(m, "BatchStroke")
-      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const Input& input,
+      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const InputSignal& input,
                        const SimulationOptions& options, const std::vector<double>& start,
                        const std::vector<Monitor>& monitors, const std::vector<double>& memory) {
              BatchStroke s;

@@ -16,14 +16,19 @@ void bind_error(py::module_& m) {
   parameter.inc_ref();
   model.inc_ref();
   py::register_exception_translator([](std::exception_ptr p) {
+    const auto raise = [](const py::object& type, const Error& e) {
+      const py::object error = type(e.what());
+      error.attr("code") = error_code_name(e.code());
+      PyErr_SetObject(type.ptr(), error.ptr());
+    };
     try {
       if (p) std::rethrow_exception(p);
     } catch (const InvalidParameter& e) {
-      PyErr_SetString(parameter.ptr(), e.what());
+      raise(parameter, e);
     } catch (const ModelError& e) {
-      PyErr_SetString(model.ptr(), e.what());
+      raise(model, e);
     } catch (const Error& e) {
-      PyErr_SetString(base.ptr(), e.what());
+      raise(base, e);
     }
   });
   (void)m;

@@ -57,15 +57,15 @@ void bind_model(py::module_& m) {
           py::arg("time"))
       .def_property_readonly("smooth", &Profile::smooth);
 
-  py::class_<Input>(m, "Input")
+  py::class_<InputSignal>(m, "InputSignal")
       .def(py::init([](const Profile& profile, const std::string& kind, double origin) {
-             return Input{profile, input_kind(kind), origin};
+             return InputSignal{profile, input_kind(kind), origin};
            }),
            py::arg("profile"), py::arg("kind") = "force", py::arg("origin") = 0.0,
            "What drives a mechanism: a force, the motion of a finger with its pad, a key_motion, a "
            "torque or a motor_motion, from a time [s] on the clock of the profile.")
-      .def_readonly("profile", &Input::profile)
-      .def_readonly("origin", &Input::origin);
+      .def_readonly("profile", &InputSignal::profile)
+      .def_readonly("origin", &InputSignal::origin);
 
   py::class_<SimulationOptions>(m, "SimulationOptions")
       .def(py::init<>())
@@ -127,6 +127,7 @@ void bind_model(py::module_& m) {
 
   py::class_<RunResult>(m, "RunResult")
       .def_property_readonly("status", [](const RunResult& r) { return status_name(r.status); })
+      .def_property_readonly("code", [](const RunResult& r) { return error_code_name(r.code); })
       .def_readonly("message", &RunResult::message)
       .def_property_readonly("method", [](const RunResult& r) { return method_name(r.method); })
       .def_readonly("strikes", &RunResult::strikes)
@@ -214,7 +215,7 @@ void bind_model(py::module_& m) {
 
   m.def(
       "simulate",
-      [](const std::shared_ptr<Mechanism>& mechanism, const Input& input,
+      [](const std::shared_ptr<Mechanism>& mechanism, const InputSignal& input,
          const SimulationOptions& options, const std::vector<double>& start,
          const std::vector<Monitor>& monitors, const py::object& progress,
          const std::vector<double>& start_memory) {
@@ -252,7 +253,7 @@ void bind_model(py::module_& m) {
   m.def(
       "jacobian_check",
       [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
-         const Input& input, double time, double gamma) {
+         const InputSignal& input, double time, double gamma) {
         MechanismSystem system(mechanism, input, false, {}, false);
         if (y.size() != system.size()) {
           throw std::invalid_argument("jacobian_check: wrong length of the state");
@@ -275,7 +276,7 @@ void bind_model(py::module_& m) {
   m.def(
       "rhs",
       [](const std::shared_ptr<Mechanism>& mechanism, const std::vector<double>& y,
-         const Input& input, double time) {
+         const InputSignal& input, double time) {
         MechanismSystem system(mechanism, input, false, {}, false);
         if (y.size() != system.size()) throw std::invalid_argument("rhs: wrong length of y");
         Eigen::VectorXd rate(static_cast<Eigen::Index>(y.size()));

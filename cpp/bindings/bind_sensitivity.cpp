@@ -13,10 +13,10 @@ namespace feltmb::python {
 
 void bind_sensitivity(py::module_& m) {
   py::class_<Perturbed>(m, "Perturbed")
-      .def(
-          py::init([](const std::shared_ptr<Mechanism>& mechanism, const Input& input, double shift,
-                      double weight) { return Perturbed{mechanism, input, shift, weight}; }),
-          py::arg("mechanism"), py::arg("input"), py::arg("shift"), py::arg("weight"));
+      .def(py::init([](const std::shared_ptr<Mechanism>& mechanism, const InputSignal& input,
+                       double shift,
+                       double weight) { return Perturbed{mechanism, input, shift, weight}; }),
+           py::arg("mechanism"), py::arg("input"), py::arg("shift"), py::arg("weight"));
   py::class_<SensitivityParameter>(m, "SensitivityParameter")
       .def(py::init([](std::string name, std::vector<Perturbed> nodes, double scale) {
              return SensitivityParameter{std::move(name), std::move(nodes), scale};
@@ -38,19 +38,19 @@ void bind_sensitivity(py::module_& m) {
            py::arg("begin"), py::arg("end"), py::arg("state") = std::vector<double>{},
            py::arg("memory") = std::vector<double>{}, py::arg("directions") = Eigen::MatrixXd{},
            py::arg("moves") = Eigen::MatrixXd{});
-  py::class_<SensitivityLook>(m, "SensitivityLook")
+  py::class_<SensitivityRequest>(m, "SensitivityRequest")
       .def(py::init([](int output, double begin, double end, int sign) {
-             return SensitivityLook{output, begin, end, sign};
+             return SensitivityRequest{output, begin, end, sign};
            }),
            py::arg("output"), py::arg("begin"), py::arg("end"), py::arg("sign"));
-  py::class_<SensitivityLooked>(m, "SensitivityLooked")
-      .def_readonly("value", &SensitivityLooked::value)
-      .def_readonly("time", &SensitivityLooked::time)
-      .def_readonly("edge", &SensitivityLooked::edge)
-      .def_readonly("rate", &SensitivityLooked::rate)
-      .def_readonly("derivative", &SensitivityLooked::derivative)
-      .def_readonly("time_derivative", &SensitivityLooked::time_derivative)
-      .def_readonly("reason", &SensitivityLooked::reason);
+  py::class_<SensitivityValue>(m, "SensitivityValue")
+      .def_readonly("value", &SensitivityValue::value)
+      .def_readonly("time", &SensitivityValue::time)
+      .def_readonly("edge", &SensitivityValue::edge)
+      .def_readonly("rate", &SensitivityValue::rate)
+      .def_readonly("derivative", &SensitivityValue::derivative)
+      .def_readonly("time_derivative", &SensitivityValue::time_derivative)
+      .def_readonly("reason", &SensitivityValue::reason);
   py::class_<SensitivityOptions>(m, "SensitivityOptions")
       .def(py::init<>())
       .def_readwrite("simulation", &SensitivityOptions::simulation)
@@ -64,10 +64,10 @@ void bind_sensitivity(py::module_& m) {
           [](SensitivityOptions& o, py::function choose) {
             o.looks = [choose = std::move(choose)](const RunResult& run) {
               const WithInterpreter acquire;
-              std::vector<SensitivityLook> out;
+              std::vector<SensitivityRequest> out;
               for (const py::handle each :
                    choose(py::cast(run, py::return_value_policy::reference)))
-                out.push_back(each.cast<SensitivityLook>());
+                out.push_back(each.cast<SensitivityRequest>());
               return out;
             };
           },
@@ -143,7 +143,7 @@ void bind_sensitivity(py::module_& m) {
       py::arg("mechanism"), "Names of the full state in its order.");
   m.def(
       "sensitivities",
-      [](const std::shared_ptr<Mechanism>& mechanism, const Input& input,
+      [](const std::shared_ptr<Mechanism>& mechanism, const InputSignal& input,
          const std::vector<SensitivityParameter>& parameters,
          const std::vector<SensitivitySegment>& segments, const SensitivityOptions& options) {
         const Progress watch = [](double) {

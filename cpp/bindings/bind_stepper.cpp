@@ -125,8 +125,9 @@ void bind_stepper(py::module_& m) {
             for (const auto& e : done.events) {
               events.append(py::make_tuple(e.time, e.contact, e.monitor, e.direction));
             }
-            return py::make_tuple(status_name(done.status), done.message, done.failed_state,
-                                  done.failed_contact, events, done.steps);
+            return py::make_tuple(status_name(done.status), error_code_name(done.code),
+                                  done.message, done.failed_state, done.failed_contact, events,
+                                  done.steps);
           },
           py::arg("duration"), py::arg("value"), py::arg("rate"), py::arg("linear"));
 }

@@ -165,7 +165,7 @@ void Machine::advance(double duration) {
   StepState before;
   if (!watched_) before = own.state();
   const StepResult done = own.advance(duration, {input_}, hold_);
-  if (done.status != RunStatus::kDone) throw Error(done.message);
+  if (done.status != RunStatus::kDone) throw Error(done.message, done.code);
   if (watched_) {
     peaks_ = done.peaks;
   } else {

@@ -80,7 +80,7 @@ struct Machine {
     return out;
   }
 
-  void simulate_now(const Input& input, SimulationOptions options) {
+  void simulate_now(const InputSignal& input, SimulationOptions options) {
     assemble_now();
     options.peak_contacts = peak_contacts;
     options.lowest_points = lowest_points;
@@ -88,7 +88,7 @@ struct Machine {
       options.finger_reference = finger_place(mechanism, rest_pose());
     }
     run = simulate(mechanism, input, options, SimulationState::of(rest), monitors());
-    if (run.status != RunStatus::kDone) throw Error(run.message);
+    if (run.status != RunStatus::kDone) throw Error(run.message, run.code);
   }
 
   template <class Matrix>

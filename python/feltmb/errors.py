@@ -12,6 +12,10 @@ class IntegrationError(Error):
 
     Attributes
     ----------
+    code : str
+        ``"not_converged"``, ``"no_progress"``, ``"too_many_steps"``, ``"wall_time"``,
+        ``"not_finite"``, ``"beyond_string"``, ``"energy_balance"``, or that of an exception in the
+        equations.
     partial : feltmb.Run or feltmb.actuator.ActuatorRun
         The run until the failure, complete up to ``time``.
     time : float
@@ -20,8 +24,18 @@ class IntegrationError(Error):
         The state with the largest error at the failure, and the stiffest contact that acts on it.
     """
 
-    def __init__(self, message: str, *, partial: Any, time: float, state: str, contact: str):
+    def __init__(
+        self,
+        message: str,
+        *,
+        partial: Any,
+        time: float,
+        state: str,
+        contact: str,
+        code: str = "other",
+    ):
         super().__init__(message)
+        self.code = code
         self.partial = partial
         self.time = time
         self.state = state

@@ -8,7 +8,7 @@
 #include <string>
 
 #include "feltmb/contact/envelope.hpp"
-#include "feltmb/model/simulation.hpp"
+#include "feltmb/model/stepper.hpp"
 #include "feltmb/planar/description.hpp"
 
 namespace {
@@ -127,4 +127,19 @@ TEST_CASE("what a felt remembers of a touch does not decide on a strike, at any 
             doctest::Approx(kinetic(3.0) - loss(remembered, deepest)).epsilon(1e-3 + 20.0 * rtol));
     }
   }
+}
+
+TEST_CASE("a state without memory is that of virgin felt, whatever was pressed before") {
+  Stepper stepper(thrown_mass(), InputKind::kForce, StepperOptions{});
+  StepState above = stepper.state();
+  above.machine.y = {1e-3, -0.5, 0.0};
+  above.machine.largest_compression.clear();
+  const auto speed_after_the_throw = [&] {
+    stepper.set_state(above);
+    REQUIRE(stepper.advance(0.05, {0.0}).status == RunStatus::kDone);
+    return stepper.state().machine.y[1];
+  };
+  const double first = speed_after_the_throw();
+  CHECK(first > 0.1);
+  CHECK(speed_after_the_throw() == first);
 }

@@ -37,6 +37,9 @@ class Batch {
       try {
         outcome.result = simulate(stroke.mechanism, stroke.input, stroke.options, stroke.start,
                                   stroke.monitors, [this](double) { return !stopped(); });
+      } catch (const Error& error) {
+        outcome.result.code = error.code();
+        outcome.failure = error.what();
       } catch (const std::exception& error) {
         outcome.failure = error.what();
         if (outcome.failure.empty()) outcome.failure = "the stroke could not begin";

@@ -149,7 +149,8 @@ HubBeamModes HubBeam::modes(double tip_mass) const {
   }
   const Eigen::MatrixXd mass = mass_ + tip_mass * tip_ * tip_.transpose();
   const Eigenpairs solution = symmetric_eigenpairs(stiffness_, mass);
-  if (!solution.found) throw Error("actuator arm: its modes were not found");
+  if (!solution.found)
+    throw Error("actuator arm: its modes were not found", ErrorCode::kNotConverged);
   HubBeamModes out;
   out.stiffness = solution.values.cwiseMax(0.0);
   out.shapes = solution.vectors;
@@ -172,7 +173,8 @@ Eigen::VectorXd HubBeam::frequencies(int count, bool clamped) const {
     mass -= coupling * coupling.transpose() / mass_(0, 0);
   }
   const Eigenpairs solution = symmetric_eigenpairs(mass, stiffness_.bottomRightCorner(free, free));
-  if (!solution.found) throw Error("actuator arm: its frequencies were not found");
+  if (!solution.found)
+    throw Error("actuator arm: its frequencies were not found", ErrorCode::kNotConverged);
   Eigen::VectorXd out(count);
   for (int i = 0; i < count; ++i) {
     out[i] = 1.0 / (2.0 * std::numbers::pi * std::sqrt(solution.values[free - 1 - i]));

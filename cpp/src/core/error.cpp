@@ -6,6 +6,36 @@
 
 namespace feltmb {
 
+const char* error_code_name(ErrorCode code) {
+  switch (code) {
+    case ErrorCode::kNone:
+      return "";
+    case ErrorCode::kInvalidParameter:
+      return "invalid_parameter";
+    case ErrorCode::kNoEquilibrium:
+      return "no_equilibrium";
+    case ErrorCode::kBeyondString:
+      return "beyond_string";
+    case ErrorCode::kNotFinite:
+      return "not_finite";
+    case ErrorCode::kNotConverged:
+      return "not_converged";
+    case ErrorCode::kNoProgress:
+      return "no_progress";
+    case ErrorCode::kTooManySteps:
+      return "too_many_steps";
+    case ErrorCode::kWallTime:
+      return "wall_time";
+    case ErrorCode::kInterrupted:
+      return "interrupted";
+    case ErrorCode::kEnergyBalance:
+      return "energy_balance";
+    case ErrorCode::kOther:
+      break;
+  }
+  return "other";
+}
+
 std::string format(const char* pattern, ...) {
   va_list args;
   va_start(args, pattern);

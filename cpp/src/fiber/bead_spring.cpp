@@ -196,17 +196,18 @@ void BeadSpringNetwork::Implementation::integrate(std::size_t steps, double stra
       fastest = std::max(fastest, sums.moved);
     }
     if (!(fastest < p.segment_length * p.segment_length)) {
-      throw ModelError(
-          format("bead-spring network: a bead moved more than a segment near step "
-                 "%zu (v_f = %.6g); reduce time_step or the strain per step",
-                 step, fraction()));
+      throw ModelError(format("bead-spring network: a bead moved more than a segment near step "
+                              "%zu (v_f = %.6g); reduce time_step or the strain per step",
+                              step, fraction()),
+                       ErrorCode::kNotConverged);
     }
     compute_forces(true);
     if (!std::isfinite(virial[2])) {  // a NaN compares like a bead that stays
       throw ModelError(
           format("bead-spring network: forces are not finite at step %zu (v_f = %.6g); reduce "
                  "time_step or the strain per step",
-                 step, fraction()));
+                 step, fraction()),
+          ErrorCode::kNotFinite);
     }
     team.run(beads, [&](std::size_t begin, std::size_t end) {
       for (std::size_t i = begin; i < end; ++i) v[i] += 0.5 * dt / mass * force[i];

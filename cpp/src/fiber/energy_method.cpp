@@ -210,7 +210,8 @@ EnergyState compress_energy(const EnergyParams& p, CompressionScheme scheme, dou
             format("energy method: no lateral equilibrium at strain %.6g below lateral stretch 4; "
                    "segments give no resistance sideways (chord_ratio %.6g, slip_stress %.6g Pa); "
                    "use crimp, a slip stress, or the confined scheme",
-                   strain, p.chord_ratio, p.slip_stress));
+                   strain, p.chord_ratio, p.slip_stress),
+            ErrorCode::kNoEquilibrium);
       }
     }
   }

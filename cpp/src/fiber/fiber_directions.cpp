@@ -281,8 +281,8 @@ FiberStructure estimate_tensors(const Eigen::Ref<const Directions>& directions,
   result.nnnn_contact = total.normal.full();
   result.eeee_contact = total.axis.full();
   result.tttt_contact = total.transverse.full();
-  result.n3 = at(result.nnnn_contact, 2, 2, 2, 2);
-  result.e3 = at(result.eeee_contact, 2, 2, 2, 2);
+  result.n3 = component(result.nnnn_contact, 2, 2, 2, 2);
+  result.e3 = component(result.eeee_contact, 2, 2, 2, 2);
   result.obstruction = std::numeric_limits<double>::quiet_NaN();
   return result;
 }

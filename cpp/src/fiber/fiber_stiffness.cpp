@@ -13,7 +13,8 @@ Eigen::Matrix<double, 6, 6> narter_stiffness(const Tensor4& eeee, double stiffne
   Eigen::Matrix<double, 6, 6> result;
   for (int i = 0; i < 6; ++i) {
     for (int j = 0; j < 6; ++j) {
-      result(i, j) = stiffness * at(eeee, kPairs[i][0], kPairs[i][1], kPairs[j][0], kPairs[j][1]);
+      result(i, j) =
+          stiffness * component(eeee, kPairs[i][0], kPairs[i][1], kPairs[j][0], kPairs[j][1]);
     }
   }
   return result;

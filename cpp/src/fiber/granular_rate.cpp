@@ -32,9 +32,10 @@ Eigen::Matrix3d granular_stress_rate(const GranularParams& params, const FiberSt
     for (int j = 0; j < 3; ++j) {
       for (int k = 0; k < 3; ++k) {
         for (int l = 0; l < 3; ++l) {
-          rate(i, j) += gradient(k, l) * (normal * at(structure.nnnn_contact, i, j, k, l) +
-                                          axial * at(structure.eeee_contact, i, j, k, l) +
-                                          transverse * at(structure.tttt_contact, i, j, k, l));
+          rate(i, j) +=
+              gradient(k, l) * (normal * component(structure.nnnn_contact, i, j, k, l) +
+                                axial * component(structure.eeee_contact, i, j, k, l) +
+                                transverse * component(structure.tttt_contact, i, j, k, l));
         }
       }
     }

@@ -178,8 +178,8 @@ FiberStructure OrientationQuadrature::compute(std::span<const double> density) c
   result.nnnn_contact = normal4.full();
   result.eeee_contact = axis4.full();
   result.tttt_contact = transverse4.full();
-  result.n3 = at(result.nnnn_contact, 2, 2, 2, 2);
-  result.e3 = at(result.eeee_contact, 2, 2, 2, 2);
+  result.n3 = component(result.nnnn_contact, 2, 2, 2, 2);
+  result.e3 = component(result.eeee_contact, 2, 2, 2, 2);
   result.obstruction = std::numeric_limits<double>::quiet_NaN();
   if (obstruction_) {
     result.obstruction = 0.0;

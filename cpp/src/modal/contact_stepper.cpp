@@ -498,10 +498,10 @@ void ModalContactStepper::advance() {
       ++counts_.rejected;
       calm_ = 0;
       if (level_ == options_.deepest) {
-        throw Error(
-            format("modal stepper: the contact forces were not found at t = %.9g s with "
-                   "the shortest step of %.3g s",
-                   clock(tick), response_.step(level_)));
+        throw Error(format("modal stepper: the contact forces were not found at t = %.9g s with "
+                           "the shortest step of %.3g s",
+                           clock(tick), response_.step(level_)),
+                    ErrorCode::kNotConverged);
       }
       ++level_;
       continue;

@@ -354,8 +354,8 @@ class Run {
     auto o = out_.data.row(row);
     out_.time[row] = t;
     const Rates r = rates(t);
-    const double stop = stop_index_ >= 0 ? stepper_->force(at(stop_index_)) : 0.0;
-    const double damper = damper_index_ >= 0 ? stepper_->force(at(damper_index_)) : 0.0;
+    const double stop = stop_index_ >= 0 ? stepper_->force(as_index(stop_index_)) : 0.0;
+    const double damper = damper_index_ >= 0 ? stepper_->force(as_index(damper_index_)) : 0.0;
     o[kAngle] = r.angle;
     o[kAngleRate] = r.speed;
     o[kTravel] = r.travel;
@@ -399,9 +399,9 @@ class Run {
       const bool known = event.direction > 0 && event.time < met_ + 1e-7;
       if (event.contact == stop_index_ && !known) out_.events.push_back(event);
     }
-    if (stop_index_ >= 0 && stepper_->largest_force(at(stop_index_)) > out_.peak_force) {
-      out_.peak_force = stepper_->largest_force(at(stop_index_));
-      out_.peak_time = stepper_->largest_force_time(at(stop_index_));
+    if (stop_index_ >= 0 && stepper_->largest_force(as_index(stop_index_)) > out_.peak_force) {
+      out_.peak_force = stepper_->largest_force(as_index(stop_index_));
+      out_.peak_time = stepper_->largest_force_time(as_index(stop_index_));
     }
   }
 

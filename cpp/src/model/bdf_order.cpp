@@ -15,15 +15,15 @@ namespace {
 
 /// Coordinates that a simulation integrates.
 std::vector<int> moving_coordinates(const Mechanism& m) {
-  std::vector<bool> held(at(m.size()), false);
+  std::vector<bool> held(as_index(m.size()), false);
   for (const FlexibleBeam& beam : m.beams) {
     for (int k = 0; beam.condense_axial && k < beam.shapes.axial(); ++k) {
-      held[at(beam.first + k)] = true;
+      held[as_index(beam.first + k)] = true;
     }
   }
   std::vector<int> out;
   for (int k = 0; k < m.size(); ++k) {
-    if (!held[at(k)]) out.push_back(k);
+    if (!held[as_index(k)]) out.push_back(k);
   }
   return out;
 }
@@ -72,9 +72,9 @@ std::vector<FreeMode> free_modes(const std::shared_ptr<const Mechanism>& mechani
                                  std::span<const double> pose) {
   const Mechanism& m = *mechanism;
   Dynamics dynamics(mechanism);
-  const std::vector<double> zero(at(m.size()), 0.0);
-  const std::vector<double> law(at(m.total_law_states), 0.0);
-  const std::vector<double> eta(at(m.total_modes), 0.0);
+  const std::vector<double> zero(as_index(m.size()), 0.0);
+  const std::vector<double> law(as_index(m.total_law_states), 0.0);
+  const std::vector<double> eta(as_index(m.total_modes), 0.0);
   dynamics.evaluate({pose.first(zero.size()), zero, law, eta, eta}, Drive{});
   dynamics.differentiate();
   Eigen::MatrixXd damping = Eigen::MatrixXd::Zero(m.size(), m.size());

@@ -11,11 +11,12 @@ double finger_force(const View& v) {
   const Mechanism& m = v.mechanism();
   const Drive drive = v.system.drive(v.t);
   if (is_of_motor(drive.kind) || m.motor_contact >= 0) {
-    return m.motor_contact >= 0 ? v.dynamics().contacts()[at(m.motor_contact)].law.force : 0.0;
+    return m.motor_contact >= 0 ? v.dynamics().contacts()[as_index(m.motor_contact)].law.force
+                                : 0.0;
   }
   if (is_prescribed(drive.kind)) return v.dynamics().prescription().reaction;
   if (drive.kind == InputKind::kMotion) {
-    return v.dynamics().contacts()[at(m.finger_contact)].law.force;
+    return v.dynamics().contacts()[as_index(m.finger_contact)].law.force;
   }
   return drive.force;
 }
@@ -53,14 +54,15 @@ double contact_energy(const View& v) {
 /// Modal coordinates of a string.
 std::span<const double> eta(const View& v, std::size_t string) {
   const AttachedString& a = v.mechanism().strings[string];
-  return v.system.parts(v.y).eta.subspan(at(a.offset), at(a.string.modes()));
+  return v.system.parts(v.y).eta.subspan(as_index(a.offset), as_index(a.string.modes()));
 }
 
 double string_energy(const View& v) {
   double sum = 0.0;
   for (std::size_t s = 0; s < v.mechanism().strings.size(); ++s) {
     const AttachedString& a = v.mechanism().strings[s];
-    const auto rate = v.system.parts(v.y).eta_rate.subspan(at(a.offset), at(a.string.modes()));
+    const auto rate =
+        v.system.parts(v.y).eta_rate.subspan(as_index(a.offset), as_index(a.string.modes()));
     sum += a.string.kinetic_energy(rate) + a.string.elastic_energy(eta(v, s));
   }
   return sum;
@@ -152,7 +154,7 @@ Channels::Channels(const Mechanism& m) {
     row(name + ".strike", "m", "string displacement at the strike point, away from the striker",
         [s](const View& v) {
           return v.dynamics()
-              .contacts()[at(v.mechanism().contacts_of(v.mechanism().strings[s])[0].contact)]
+              .contacts()[as_index(v.mechanism().contacts_of(v.mechanism().strings[s])[0].contact)]
               .string.displacement;
         });
     row(name + ".bridge_force", "N", "transverse force on the end far from the strike point",

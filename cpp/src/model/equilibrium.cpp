@@ -307,14 +307,16 @@ void refuse_nonsense(Rest& rest, const Eigen::VectorXd& q) {
     if (bent > beam.length) {
       throw ModelError(
           who +
-          format("member \"%s\" of %.4g m is deflected by %.4g m, expected less than its "
-                 "length",
-                 beam.name.c_str(), beam.length, bent) +
-          hint);
+              format("member \"%s\" of %.4g m is deflected by %.4g m, expected less than its "
+                     "length",
+                     beam.name.c_str(), beam.length, bent) +
+              hint,
+          ErrorCode::kNoEquilibrium);
     }
   }
   if (const std::string beyond = dynamics.beyond_string(); !beyond.empty()) {
-    throw ModelError("mechanism \"" + m.name + "\": in the rest pose " + beyond);
+    throw ModelError("mechanism \"" + m.name + "\": in the rest pose " + beyond,
+                     ErrorCode::kBeyondString);
   }
   double stored = 0.0;
   double largest = 0.0;
@@ -353,10 +355,11 @@ void refuse_nonsense(Rest& rest, const Eigen::VectorXd& q) {
   if (supplied > 0.0 && stored > supplied) {
     throw ModelError(
         who +
-        format("it stores %.4g J in contacts, straps and members, expected at most the "
-               "%.4g J that weights and springs can supply; most in %s",
-               stored, supplied, where.c_str()) +
-        hint);
+            format("it stores %.4g J in contacts, straps and members, expected at most the "
+                   "%.4g J that weights and springs can supply; most in %s",
+                   stored, supplied, where.c_str()) +
+            hint,
+        ErrorCode::kNoEquilibrium);
   }
 }
 
@@ -439,7 +442,7 @@ Equilibrium find_equilibrium(const std::shared_ptr<const Mechanism>& mechanism, 
     text +=
         " is a body without support, or start_pose on the wrong side of a contact? (A body that is "
         "to fall or fly needs a support to rest on, or no gravity, and an initial speed.)";
-    throw ModelError(text);
+    throw ModelError(text, ErrorCode::kNoEquilibrium);
   }
   refuse_nonsense(rest, q);
   Equilibrium result;

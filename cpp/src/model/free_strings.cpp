@@ -33,8 +33,8 @@ void FreeStrings::start(double t, std::span<const double> eta, std::span<const d
            std::all_of(rate.begin(), rate.end(), at_rest);
   for (std::size_t s = 0; s < mechanism_.strings.size(); ++s) {
     const AttachedString& a = mechanism_.strings[s];
-    const std::size_t count = at(a.string.modes());
-    const std::size_t first = at(a.offset);
+    const std::size_t count = as_index(a.string.modes());
+    const std::size_t first = as_index(a.offset);
     const std::vector<double> shape(count, a.string.shape_scale());
     reach_[s] = modal::reach(count, shape.data(), a.string.stiffness().data(), eta_.data() + first,
                              rate_.data() + first);
@@ -64,7 +64,7 @@ void FreeStrings::move(double t) {
 double FreeStrings::energy(std::size_t string) const {
   const AttachedString& a = mechanism_.strings[string];
   const auto own = [&](const std::vector<double>& v) {
-    return std::span<const double>(v).subspan(at(a.offset), at(a.string.modes()));
+    return std::span<const double>(v).subspan(as_index(a.offset), as_index(a.string.modes()));
   };
   return a.string.kinetic_energy(own(rate_)) + a.string.elastic_energy(own(eta_));
 }

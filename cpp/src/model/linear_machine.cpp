@@ -53,8 +53,8 @@ bool is_linear(const Mechanism& m) {
 std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
   if (!is_linear(m)) return std::nullopt;
   LinearMachine out;
-  const std::size_t n = at(m.size());
-  const std::size_t size = n + at(m.total_modes);
+  const std::size_t n = as_index(m.size());
+  const std::size_t size = n + as_index(m.total_modes);
   out.stiffness.assign(size, 0.0);
   out.damping.assign(size, 0.0);
   out.root_mass.assign(n, 0.0);
@@ -63,8 +63,8 @@ std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
   std::vector<double> weight(size, 0.0);
   bool heavy = false;
   for (std::size_t i = 1; i < m.links.size(); ++i) {
-    const Motion& motion = m.motions[at(m.links[i].motions[0])];
-    coordinate[i] = at(motion.coordinate);
+    const Motion& motion = m.motions[as_index(m.links[i].motions[0])];
+    coordinate[i] = as_index(motion.coordinate);
     along[i] = m.links[i].base * motion.translation;
     out.root_mass[coordinate[i]] = std::sqrt(m.links[i].mass);
     weight[coordinate[i]] = out.root_mass[coordinate[i]] * dot(m.gravity, along[i]);
@@ -81,22 +81,22 @@ std::optional<LinearMachine> LinearMachine::of(const Mechanism& m) {
     const Contact& c = m.contacts[i];
     if (!c.enabled) continue;
     const auto place = [&](LinkPoint p) {
-      return m.links[at(p.link)].position + m.links[at(p.link)].base * p.local;
+      return m.links[as_index(p.link)].position + m.links[as_index(p.link)].base * p.local;
     };
-    const Vec2 normal = m.links[at(c.a.link)].base * c.normal_a;
+    const Vec2 normal = m.links[as_index(c.a.link)].base * c.normal_a;
     modal::ModalContact contact;
     contact.gradient.assign(size, 0.0);
     contact.offset = c.radius_b - dot(normal, place(c.b) - place(c.a));
     for (const auto& [point, sign] : {std::pair{c.a, 1.0}, std::pair{c.b, -1.0}}) {
       if (point.link == 0) continue;
-      const std::size_t k = coordinate[at(point.link)];
-      contact.gradient[k] += sign * dot(normal, along[at(point.link)]) / out.root_mass[k];
+      const std::size_t k = coordinate[as_index(point.link)];
+      contact.gradient[k] += sign * dot(normal, along[as_index(point.link)]) / out.root_mass[k];
     }
     if (c.string_contact >= 0) {
-      const StringContact& touch = m.string_contacts[at(c.string_contact)];
+      const StringContact& touch = m.string_contacts[as_index(c.string_contact)];
       const AttachedString& s = m.string_of(touch);
-      std::vector<double> slope(at(s.string.modes()));
-      const std::span<double> phi{contact.gradient.data() + n + at(s.offset), slope.size()};
+      std::vector<double> slope(as_index(s.string.modes()));
+      const std::span<double> phi{contact.gradient.data() + n + as_index(s.offset), slope.size()};
       s.string.shapes(touch.position, phi, slope);
       for (double& p : phi) p *= -touch.side;
     }
@@ -112,8 +112,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
                           const SimulationOptions& options, const SimulationState& start,
                           const Progress& progress) {
   const auto begin = Clock::now();
-  const std::size_t n = at(mechanism->size());
-  const std::size_t modes = at(mechanism->total_modes);
+  const std::size_t n = as_index(mechanism->size());
+  const std::size_t modes = as_index(mechanism->total_modes);
   MechanismSystem system(mechanism, {}, false, {}, false);
   std::vector<double> y(2 * (n + modes), 0.0);
   if (start.y.empty()) {
@@ -178,7 +178,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     out.reached = t;
     for (Lowest& each : out.lowest) {
       system.place(y);
-      const auto& point = mechanism->points[at(each.point)].point;
+      const auto& point = mechanism->points[as_index(each.point)].point;
       each.look(system.dynamics().position(point).y, t == 0.0);
     }
     if (!options.outputs || t < options.outputs_from) return;
@@ -189,7 +189,8 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
     for (Eigen::Index i = 0; i < out.data.cols(); ++i) {
       if (std::isfinite(out.data(row, i))) continue;
       throw Error(format("failed at t = %.9g s: %s is not a finite number", t,
-                         out.names[static_cast<std::size_t>(i)].c_str()));
+                         out.names[static_cast<std::size_t>(i)].c_str()),
+                  ErrorCode::kNotFinite);
     }
     ++row;
   };
@@ -212,20 +213,23 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
       }
     }
   };
-  const auto stop = [&](RunStatus status, const std::string& why) {
+  const auto stop = [&](RunStatus status, ErrorCode code, const std::string& why) {
     out.status = status;
+    out.code = code;
     out.message = why;
   };
   const auto may_go_on = [&](const modal::ModalContactStepper& s) {
     const double wall = std::chrono::duration<double>(Clock::now() - begin).count();
     if (s.counts().steps >= options.max_steps) {
-      stop(RunStatus::kFailed,
+      stop(RunStatus::kFailed, ErrorCode::kTooManySteps,
            format("%ld steps were not enough; reached t = %.6g s", s.counts().steps, out.reached));
     } else if (options.max_wall > 0.0 && wall > options.max_wall) {
-      stop(RunStatus::kWallTime, format("wall time limit of %.3g s reached at t = %.6g s",
-                                        options.max_wall, out.reached));
+      stop(
+          RunStatus::kWallTime, ErrorCode::kWallTime,
+          format("wall time limit of %.3g s reached at t = %.6g s", options.max_wall, out.reached));
     } else if (progress && !progress(out.reached)) {
-      stop(RunStatus::kInterrupted, format("interrupted at t = %.6g s", out.reached));
+      stop(RunStatus::kInterrupted, ErrorCode::kInterrupted,
+           format("interrupted at t = %.6g s", out.reached));
     }
     return out.status == RunStatus::kDone;
   };
@@ -256,7 +260,7 @@ RunResult simulate_linear(const std::shared_ptr<const Mechanism>& mechanism, Lin
   } catch (const InvalidParameter&) {
     throw;
   } catch (const Error& error) {
-    stop(RunStatus::kFailed, error.what());
+    stop(RunStatus::kFailed, error.code(), error.what());
   }
   take(stepper);
   if (options.outputs) {

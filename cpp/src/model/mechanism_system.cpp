@@ -17,7 +17,7 @@ void copy(const Eigen::MatrixXd& from, Eigen::MatrixXd& to) {
 
 }  // namespace
 
-Drive Input::at(double t) const {
+Drive InputSignal::at(double t) const {
   Drive drive;
   drive.kind = kind;
   if (is_motion(kind)) {
@@ -30,7 +30,7 @@ Drive Input::at(double t) const {
   return drive;
 }
 
-MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Input input,
+MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, InputSignal input,
                                  bool ledger, std::vector<Monitor> monitors, bool events)
     : dynamics_(std::move(mechanism)), input_(std::move(input)), monitors_(std::move(monitors)) {
   const Mechanism& m = dynamics_.mechanism();
@@ -49,9 +49,9 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Inp
     modal_damping_.insert(modal_damping_.end(), s.string.damping().begin(),
                           s.string.damping().end());
   }
-  modal_rate_factor_.resize(at(modes_));
-  phi_.resize(at(m.total_shapes));
-  dphi_.resize(at(m.total_shapes));
+  modal_rate_factor_.resize(as_index(modes_));
+  phi_.resize(as_index(m.total_shapes));
+  dphi_.resize(as_index(m.total_shapes));
   if (ledger) {
     ledger_names_ = {"work_in", "work_throughput"};
     for (const auto& c : m.contacts) {
@@ -83,16 +83,16 @@ MechanismSystem::MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Inp
   for (const Contact& contact : m.contacts) {
     if (contact.law.n_states() > 0) stateful_.emplace_back();
   }
-  single_.by_force.assign(stateful_.size() * DenseLu::padded(at(n_)), 0.0);
-  single_.by_q.assign(at(n_) * DenseLu::padded(stateful_.size()), 0.0);
+  single_.by_force.assign(stateful_.size() * DenseLu::padded(as_index(n_)), 0.0);
+  single_.by_q.assign(as_index(n_) * DenseLu::padded(stateful_.size()), 0.0);
   single_.by_v = single_.by_q;
   single_.change.assign(DenseLu::padded(stateful_.size()), 0.0);
   single_.residual = single_.change;
   rhs_state_.resize(size());
   finger_load_.setZero(n_);
   rhs_largest_.resize(m.contacts.size());
-  residual_.assign(2 * at(n_) * DenseLu::padded(at(n_)), 0.0);
-  right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(at(n_) + couplings_.size() + 1)));
+  residual_.assign(2 * as_index(n_) * DenseLu::padded(as_index(n_)), 0.0);
+  right_.setZero(static_cast<Eigen::Index>(DenseLu::padded(as_index(n_) + couplings_.size() + 1)));
   kept_slope_.assign(m.contacts.size(), 0.0);
   for (auto* matrix : {&mass_, &stiffness_, &damping_, &base_stiffness_, &base_damping_}) {
     matrix->setZero(n_, n_);
@@ -120,14 +120,14 @@ std::pair<double, double> MechanismSystem::driven_place(double t, std::span<cons
   locate(t, y);
   const Mechanism& m = mechanism();
   if (is_of_motor(input_.kind)) {
-    return {y[at(m.motor_coordinate)], y[at(n_ + m.motor_coordinate)]};
+    return {y[as_index(m.motor_coordinate)], y[as_index(n_ + m.motor_coordinate)]};
   }
   if (m.finger_contact < 0) return {0.0, 0.0};
   return {dot(m.finger_direction, dynamics_.position(m.finger_point)),
           dot(m.finger_direction, dynamics_.velocity(m.finger_point))};
 }
 
-void MechanismSystem::set_input(const Input& input) {
+void MechanismSystem::set_input(const InputSignal& input) {
   input_ = input;
   check_input(mechanism());
   fresh_ = false;
@@ -139,7 +139,8 @@ void MechanismSystem::set_prescribed_reference(double t, std::span<const double>
   const auto [place, speed] = driven_place(t, y);
   const bool motor = is_of_motor(input_.kind);
   double slow = 1e-3;  // m/s at the key
-  if (motor) slow *= mechanism().coordinate_scale[at(mechanism().motor_coordinate)] / kFeltTravel;
+  if (motor)
+    slow *= mechanism().coordinate_scale[as_index(mechanism().motor_coordinate)] / kFeltTravel;
   const double on_profile = input_.origin + t;
   prescribed_reference_ = place - input_.profile.value(on_profile);
   if (std::fabs(input_.profile.rate(on_profile) - speed) > slow) {
@@ -151,9 +152,9 @@ void MechanismSystem::set_prescribed_reference(double t, std::span<const double>
 }
 
 MechanicalState MechanismSystem::parts(std::span<const double> y) const {
-  const std::size_t n = at(n_);
-  const std::size_t laws = at(law_states_);
-  const std::size_t modes = at(modes_);
+  const std::size_t n = as_index(n_);
+  const std::size_t laws = as_index(law_states_);
+  const std::size_t modes = as_index(modes_);
   if (apart_) {
     return {y.subspan(0, n), y.subspan(n, n), y.subspan(2 * n, laws), free_->eta(), free_->rate()};
   }
@@ -171,22 +172,23 @@ Drive MechanismSystem::drive(double t) const {
 
 std::string MechanismSystem::state_name(std::size_t i) const {
   const Mechanism& m = mechanism();
-  const std::size_t n = at(n_);
+  const std::size_t n = as_index(n_);
   if (i < n) return m.coordinates[i];
   if (i < 2 * n) return m.coordinates[i - n] + ".rate";
-  if (i < 2 * n + at(law_states_)) {
+  if (i < 2 * n + as_index(law_states_)) {
     const int index = static_cast<int>(i - 2 * n);
     for (const auto& c : m.contacts) {
       const int own = index - c.first_state;
-      if (own >= 0 && at(own) < c.law.n_states()) return c.name + "." + c.law.state_name(at(own));
+      if (own >= 0 && as_index(own) < c.law.n_states())
+        return c.name + "." + c.law.state_name(as_index(own));
     }
   }
-  std::size_t j = i - 2 * n - at(law_states_);
-  const bool rate = j >= at(modes_);
-  if (rate) j -= at(modes_);
+  std::size_t j = i - 2 * n - as_index(law_states_);
+  const bool rate = j >= as_index(modes_);
+  if (rate) j -= as_index(modes_);
   for (const auto& s : m.strings) {
-    if (j < at(s.offset + s.string.modes())) {
-      return s.name + ".mode" + std::to_string(j - at(s.offset) + 1) + (rate ? ".rate" : "");
+    if (j < as_index(s.offset + s.string.modes())) {
+      return s.name + ".mode" + std::to_string(j - as_index(s.offset) + 1) + (rate ? ".rate" : "");
     }
   }
   return "state" + std::to_string(i);
@@ -243,8 +245,8 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   std::copy(largest.begin(), largest.end(), rhs_largest_.begin());
   fresh_ = true;
   const MechanicalState p = parts(y);
-  const std::size_t n = at(n_);
-  const std::size_t modes = at(active_modes());
+  const std::size_t n = as_index(n_);
+  const std::size_t modes = as_index(active_modes());
   const auto& a = dynamics_.acceleration();
   for (std::size_t k = 0; k < n; ++k) {
     rate[k] = p.v[k];
@@ -253,12 +255,12 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   const auto law_rates = dynamics_.law_rates();
   std::copy(law_rates.begin(), law_rates.end(), rate.begin() + 2 * n_);
   if (modes == 0) return;
-  double* eta_rate = rate.data() + 2 * n + at(law_states_);
+  double* eta_rate = rate.data() + 2 * n + as_index(law_states_);
   double* eta_acceleration = eta_rate + modes;
   std::copy(p.eta_rate.begin(), p.eta_rate.end(), eta_rate);
   const auto& strings = mechanism().strings;
   for (std::size_t s = 0; s < strings.size(); ++s) {
-    const std::size_t first = at(strings[s].offset);
+    const std::size_t first = as_index(strings[s].offset);
     const int contact = strings[s].first_contact;
     const auto phi = dynamics_.phi(contact);
     modal::accelerate(phi.size(), modal_stiffness_.data() + first, modal_damping_.data() + first,
@@ -279,21 +281,21 @@ void MechanismSystem::add_contact_slopes(Eigen::MatrixXd& stiffness, Eigen::Matr
   // and rate gradient h, zero but for the coordinates of the contact, slopes s and r.
   slope_column_ = slope * gradient.by_force + gradient.by_compression;
   rate_column_ = rate_slope * gradient.by_force;
-  for (const int k : mechanism().contacts[at(gradient.contact)].coordinates) {
+  for (const int k : mechanism().contacts[as_index(gradient.contact)].coordinates) {
     stiffness.col(k) += slope_column_ * gradient.compression[k] + rate_column_ * gradient.rate[k];
     damping.col(k) += rate_column_ * gradient.compression[k];
   }
 }
 
 void MechanismSystem::add_stateful(const ContactGradient* gradient, int contact, int coupling) {
-  StatefulContact& c = stateful_[at(stateful_count_++)];
+  StatefulContact& c = stateful_[as_index(stateful_count_++)];
   c.contact = contact;
   c.coupling = coupling;
   c.closed = gradient != nullptr;
   c.gradient = gradient;
-  c.first_state = mechanism().contacts[at(contact)].first_state;
-  c.law = dynamics_.contacts()[at(contact)].law;
-  c.states = dynamics_.law_states(at(contact));
+  c.first_state = mechanism().contacts[as_index(contact)].first_state;
+  c.law = dynamics_.contacts()[as_index(contact)].law;
+  c.states = dynamics_.law_states(as_index(contact));
 }
 
 /// Newton's method linearises where it has just evaluated.
@@ -327,8 +329,8 @@ void MechanismSystem::keep_slopes() {
   stateful_count_ = 0;
   std::size_t kept = 0;
   for (const ContactGradient& g : dynamics_.gradients()) {
-    const Contact& contact = m.contacts[at(g.contact)];
-    const ContactState& state = dynamics_.contacts()[at(g.contact)];
+    const Contact& contact = m.contacts[as_index(g.contact)];
+    const ContactState& state = dynamics_.contacts()[as_index(g.contact)];
     kept_slope_[kept++] = state.law.d_compression;
     const bool stateful = contact.law.n_states() > 0;
     if (stateful) {
@@ -338,8 +340,8 @@ void MechanismSystem::keep_slopes() {
                          state.law.d_rate);
     }
     if (contact.string_contact < 0) continue;
-    const StringContact& touch = m.string_contacts[at(contact.string_contact)];
-    StringCoupling& c = couplings_[at(coupling_count_++)];
+    const StringContact& touch = m.string_contacts[as_index(contact.string_contact)];
+    StringCoupling& c = couplings_[as_index(coupling_count_++)];
     c.string = touch.string;
     c.offset = m.string_of(touch).offset;
     c.count = m.string_of(touch).string.modes();
@@ -371,9 +373,9 @@ void MechanismSystem::keep_slopes() {
 void MechanismSystem::gather_single() {
   single_.contacts.clear();
   for (int i = 0; i < stateful_count_; ++i) {
-    StatefulContact& c = stateful_[at(i)];
+    StatefulContact& c = stateful_[as_index(i)];
     const bool single =
-        c.closed && c.coupling < 0 && mechanism().contacts[at(c.contact)].law.n_states() == 1;
+        c.closed && c.coupling < 0 && mechanism().contacts[as_index(c.contact)].law.n_states() == 1;
     c.single = single ? static_cast<int>(single_.contacts.size()) : -1;
     if (single) single_.contacts.push_back(i);
   }
@@ -382,9 +384,9 @@ void MechanismSystem::gather_single() {
   const auto clear = [](std::vector<double>& values, std::size_t used) {
     std::fill_n(values.begin(), used, 0.0);
   };
-  clear(single_.by_force, count * DenseLu::padded(at(n_)));
-  clear(single_.by_q, at(n_) * DenseLu::padded(count));
-  clear(single_.by_v, at(n_) * DenseLu::padded(count));
+  clear(single_.by_force, count * DenseLu::padded(as_index(n_)));
+  clear(single_.by_q, as_index(n_) * DenseLu::padded(count));
+  clear(single_.by_v, as_index(n_) * DenseLu::padded(count));
 }
 
 void MechanismSystem::reduce_one_state(StatefulContact& c, double gamma,
@@ -399,15 +401,15 @@ void MechanismSystem::reduce_one_state(StatefulContact& c, double gamma,
   c.rate_slope = c.law.d_rate + c.states.force[0] * by_rate;
   if (c.single < 0) return;
   const std::size_t rows = DenseLu::padded(single_.contacts.size());
-  double* by_force = single_.by_force.data() + at(c.single) * DenseLu::padded(at(n_));
+  double* by_force = single_.by_force.data() + as_index(c.single) * DenseLu::padded(as_index(n_));
   const double force = gamma * c.states.force[0];
   const double* force_column = c.gradient->by_force.data();
   const double* by_place = c.gradient->compression.data();
   const double* by_speed = c.gradient->rate.data();
-  double* by_q = single_.by_q.data() + at(c.single);
-  double* by_v = single_.by_v.data() + at(c.single);
+  double* by_q = single_.by_q.data() + as_index(c.single);
+  double* by_v = single_.by_v.data() + as_index(c.single);
   for (const int k : coordinates) {
-    const std::size_t place = at(k) * rows;
+    const std::size_t place = as_index(k) * rows;
     by_force[k] = force * force_column[k];
     by_q[place] = by_compression * by_place[k] + by_rate * by_speed[k];
     by_v[place] = by_rate * by_place[k];
@@ -437,8 +439,8 @@ void MechanismSystem::reduce_states(StatefulContact& c, double gamma, Eigen::Ind
 
 void MechanismSystem::reduce_law_states(double gamma) {
   for (int i = 0; i < stateful_count_; ++i) {
-    StatefulContact& c = stateful_[at(i)];
-    const Contact& contact = mechanism().contacts[at(c.contact)];
+    StatefulContact& c = stateful_[as_index(i)];
+    const Contact& contact = mechanism().contacts[as_index(c.contact)];
     const auto count = static_cast<Eigen::Index>(contact.law.n_states());
     if (count == 1) {
       reduce_one_state(c, gamma, contact.coordinates);
@@ -448,8 +450,8 @@ void MechanismSystem::reduce_law_states(double gamma) {
     if (!c.closed) continue;
     add_contact_slopes(stiffness_, damping_, *c.gradient, c.slope, c.rate_slope);
     if (c.coupling >= 0) {
-      couplings_[at(c.coupling)].by_compression = c.slope;
-      couplings_[at(c.coupling)].by_rate = c.rate_slope;
+      couplings_[as_index(c.coupling)].by_compression = c.slope;
+      couplings_[as_index(c.coupling)].by_rate = c.rate_slope;
     }
   }
 }
@@ -457,19 +459,19 @@ void MechanismSystem::reduce_law_states(double gamma) {
 /// How contacts with one string feel each other through its modes, by the factors of the modes.
 void MechanismSystem::add_string_answers() {
   for (int i = 0; i < coupling_count_; ++i) {
-    StringCoupling& c = couplings_[at(i)];
-    const auto count = at(c.count);
+    StringCoupling& c = couplings_[as_index(i)];
+    const auto count = as_index(c.count);
     const double* phi = phi_.data() + c.shape;
     const double* dphi = dphi_.data() + c.shape;
     const double* factor = modal_rate_factor_.data() + c.offset;
-    c.to[at(i)] = modal::gram_sums(count, phi, dphi, factor);
+    c.to[as_index(i)] = modal::gram_sums(count, phi, dphi, factor);
     for (int j = 0; j < i; ++j) {
-      StringCoupling& other = couplings_[at(j)];
+      StringCoupling& other = couplings_[as_index(j)];
       if (other.string != c.string) continue;
       const modal::GramSums a = modal::cross_sums(count, phi, dphi, phi_.data() + other.shape,
                                                   dphi_.data() + other.shape, factor);
-      c.to[at(j)] = a;
-      other.to[at(i)] = {a.phi_phi, a.dphi_phi, a.phi_dphi, a.dphi_dphi};
+      c.to[as_index(j)] = a;
+      other.to[as_index(i)] = {a.phi_phi, a.dphi_phi, a.phi_dphi, a.dphi_dphi};
     }
   }
 }
@@ -481,7 +483,7 @@ void MechanismSystem::visit_slopes(Visit&& visit) {
   };
   for (auto* matrix : {&mass_, &base_stiffness_, &base_damping_}) whole(*matrix);
   for (int i = 0; i < coupling_count_; ++i) {
-    StringCoupling& c = couplings_[at(i)];
+    StringCoupling& c = couplings_[as_index(i)];
     for (double* number : {&c.force, &c.by_compression, &c.by_rate, &c.strike_speed}) {
       visit(number, 1);
     }
@@ -489,8 +491,8 @@ void MechanismSystem::visit_slopes(Visit&& visit) {
                          &c.strike, &c.slope_force}) {
       whole(*vector);
     }
-    visit(phi_.data() + c.shape, at(c.count));
-    visit(dphi_.data() + c.shape, at(c.count));
+    visit(phi_.data() + c.shape, as_index(c.count));
+    visit(dphi_.data() + c.shape, as_index(c.count));
   }
 }
 
@@ -508,25 +510,25 @@ void MechanismSystem::set_slopes(std::span<const double> slopes) {
 
 bool MechanismSystem::factorize(double gamma) {
   gamma_ = gamma;
-  modal::newton_factors(at(active_modes()), gamma, modal_stiffness_.data(), modal_damping_.data(),
-                        modal_rate_factor_.data());
+  modal::newton_factors(as_index(active_modes()), gamma, modal_stiffness_.data(),
+                        modal_damping_.data(), modal_rate_factor_.data());
   if (stateful_count_ > 0) {
     copy(base_stiffness_, stiffness_);
     copy(base_damping_, damping_);
     reduce_law_states(gamma);
   }
   const int total = n_ + coupling_count_ + constraint_;
-  lu_.resize(at(total));
+  lu_.resize(as_index(total));
   Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>> newton(
       lu_.column(0), total, total, Eigen::OuterStride<>(static_cast<Eigen::Index>(lu_.stride())));
-  const auto padded = static_cast<Eigen::Index>(DenseLu::padded(at(n_)));
+  const auto padded = static_cast<Eigen::Index>(DenseLu::padded(as_index(n_)));
   Eigen::Map<Eigen::MatrixXd> residual(residual_.data(), padded, 2 * n_);
   residual.topLeftCorner(n_, n_) = mass_;
   residual.topRightCorner(n_, n_) = gamma * (stateful_count_ > 0 ? stiffness_ : base_stiffness_);
   newton.topLeftCorner(n_, n_) = mass_ - gamma * ((stateful_count_ > 0 ? damping_ : base_damping_) +
                                                   residual.topRightCorner(n_, n_));
   for (int i = 0; i < coupling_count_; ++i) {
-    StringCoupling& c = couplings_[at(i)];
+    StringCoupling& c = couplings_[as_index(i)];
     c.displacement_column = -(c.force_column * c.by_compression + c.compression_column);
     c.rate_column = -c.by_rate * c.force_column;
     c.slope_column = c.force * c.slope_force + c.strike_speed * c.rate_column;
@@ -539,15 +541,15 @@ bool MechanismSystem::factorize(double gamma) {
   }
   add_string_answers();
   for (int i = 0; i < coupling_count_; ++i) {
-    StringCoupling& c = couplings_[at(i)];
+    StringCoupling& c = couplings_[as_index(i)];
     for (int j = 0; j < coupling_count_; ++j) {
-      const StringCoupling& other = couplings_[at(j)];
+      const StringCoupling& other = couplings_[as_index(j)];
       if (other.string != c.string) continue;
       // String at the point of contact against the unknown force and the shift of the point of each
       // contact with it: d velocity = g (a00 dF + a01 F dy), d displacement = g d velocity, d slope
       // = g^2 (a10 dF + a11 F dy), with dy = strike . dq and dq = r_q + g dv.
       const double g = gamma;
-      const modal::GramSums& a = c.to[at(j)];
+      const modal::GramSums& a = c.to[as_index(j)];
       const double velocity_f = g * a.phi_phi;
       const double slope_f = g * g * a.dphi_phi;
       const double velocity_y = g * a.phi_dphi * other.force;
@@ -580,13 +582,13 @@ bool MechanismSystem::factorize(double gamma) {
 }
 
 void MechanismSystem::solve(std::span<double> b) {
-  const std::size_t n = at(n_);
-  const std::size_t modes = at(active_modes());
+  const std::size_t n = as_index(n_);
+  const std::size_t modes = as_index(active_modes());
   const double g = gamma_;
   const Eigen::Map<Eigen::VectorXd> r_q(b.data(), n_);
   const Eigen::Map<Eigen::VectorXd> r_v(b.data() + n, n_);
   double* r_law = b.data() + 2 * n;
-  double* r_eta = r_law + at(law_states_);
+  double* r_eta = r_law + as_index(law_states_);
   double* r_rate = r_eta + modes;
 
   // Modes without the contact force: their part of the right-hand side.
@@ -600,15 +602,15 @@ void MechanismSystem::solve(std::span<double> b) {
     right_[n_ + coupling_count_] = p.row.dot(r_v) - g * p.by_position.dot(r_q);
   }
   for (int i = 0; i < coupling_count_; ++i) {
-    const StringCoupling& c = couplings_[at(i)];
-    const std::size_t first = at(c.offset);
+    const StringCoupling& c = couplings_[as_index(i)];
+    const std::size_t first = as_index(c.offset);
     auto [velocity, displacement, slope] =
-        modal::residual_sums(at(c.count), g, phi_.data() + c.shape, dphi_.data() + c.shape,
+        modal::residual_sums(as_index(c.count), g, phi_.data() + c.shape, dphi_.data() + c.shape,
                              r_eta + first, r_rate + first);
     for (int j = 0; j < coupling_count_; ++j) {
-      const StringCoupling& other = couplings_[at(j)];
+      const StringCoupling& other = couplings_[as_index(j)];
       if (other.string != c.string) continue;
-      const modal::GramSums& a = c.to[at(j)];
+      const modal::GramSums& a = c.to[as_index(j)];
       const double shift = other.strike.dot(r_q) * other.force;
       velocity += g * a.phi_dphi * shift;
       displacement += g * g * a.phi_dphi * shift;
@@ -622,16 +624,16 @@ void MechanismSystem::solve(std::span<double> b) {
   }
   // Law states alone: their residual acts through the force. Beyond n the columns hold zeros.
   for (std::size_t i = 0; i < single_.contacts.size(); ++i) {
-    const StatefulContact& c = stateful_[at(single_.contacts[i])];
+    const StatefulContact& c = stateful_[as_index(single_.contacts[i])];
     single_.residual[i] = r_law[c.first_state] * c.inverse(0, 0);
   }
   add_columns(single_.contacts.size(), stride, single_.by_force.data(), single_.residual.data(),
               right_.data());
   for (int i = 0; i < stateful_count_; ++i) {
-    const StatefulContact& c = stateful_[at(i)];
+    const StatefulContact& c = stateful_[as_index(i)];
     if (c.single >= 0) continue;
     double* own = r_law + c.first_state;
-    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const Contact& contact = mechanism().contacts[as_index(c.contact)];
     const std::size_t count = contact.law.n_states();
     double force = 0.0;
     if (count == 1) {
@@ -657,12 +659,12 @@ void MechanismSystem::solve(std::span<double> b) {
     b[n + k] = dv;
   }
   for (int i = 0; i < coupling_count_; ++i) {
-    const StringCoupling& c = couplings_[at(i)];
-    const std::size_t first = at(c.offset);
+    const StringCoupling& c = couplings_[as_index(i)];
+    const std::size_t first = as_index(c.offset);
     const double dforce = right_[n_ + i];
     const double shift = c.strike.dot(r_q) * c.force;  // r_q now holds dq
-    modal::add_force(at(c.count), g, dforce, shift, phi_.data() + c.shape, dphi_.data() + c.shape,
-                     modal_rate_factor_.data() + first, r_rate + first);
+    modal::add_force(as_index(c.count), g, dforce, shift, phi_.data() + c.shape,
+                     dphi_.data() + c.shape, modal_rate_factor_.data() + first, r_rate + first);
   }
   modal::advance(modes, g, r_rate, r_eta);
 
@@ -670,22 +672,22 @@ void MechanismSystem::solve(std::span<double> b) {
     add_products(n, DenseLu::padded(single_.contacts.size()), single_.by_q.data(), r_q.data(),
                  single_.by_v.data(), r_v.data(), single_.change.data());
     for (std::size_t i = 0; i < single_.contacts.size(); ++i) {
-      const int state = stateful_[at(single_.contacts[i])].first_state;
+      const int state = stateful_[as_index(single_.contacts[i])].first_state;
       r_law[state] = single_.residual[i] + single_.change[i];
     }
   }
   for (int i = 0; i < stateful_count_; ++i) {
-    const StatefulContact& c = stateful_[at(i)];
+    const StatefulContact& c = stateful_[as_index(i)];
     if (c.single >= 0 || !c.closed) continue;
     double* own = r_law + c.first_state;
-    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const Contact& contact = mechanism().contacts[as_index(c.contact)];
     double compression = c.gradient->compression.dot(r_q);
     double rate = c.gradient->rate.dot(r_q) + c.gradient->compression.dot(r_v);
     if (c.coupling >= 0) {
-      const StringCoupling& string = couplings_[at(c.coupling)];
-      const std::size_t first = at(string.offset);
+      const StringCoupling& string = couplings_[as_index(c.coupling)];
+      const std::size_t first = as_index(string.offset);
       const auto [velocity, displacement, slope] =
-          modal::residual_sums(at(string.count), 0.0, phi_.data() + string.shape,
+          modal::residual_sums(as_index(string.count), 0.0, phi_.data() + string.shape,
                                dphi_.data() + string.shape, r_eta + first, r_rate + first);
       compression -= displacement;
       rate -= velocity + string.strike_speed * slope;
@@ -713,10 +715,12 @@ bool MechanismSystem::events_nearby(double t, std::span<double> g) {
 
 bool MechanismSystem::surely_open(double t, int contact) const {
   if (!(t == rhs_time_)) return false;
-  const int touch = mechanism().contacts[at(contact)].string_contact;
+  const int touch = mechanism().contacts[as_index(contact)].string_contact;
   const double reach =
-      apart_ && touch >= 0 ? free_->reach(at(mechanism().string_contacts[at(touch)].string)) : 0.0;
-  return dynamics_.contacts()[at(contact)].compression + reach < -margin_;
+      apart_ && touch >= 0
+          ? free_->reach(as_index(mechanism().string_contacts[as_index(touch)].string))
+          : 0.0;
+  return dynamics_.contacts()[as_index(contact)].compression + reach < -margin_;
 }
 
 void MechanismSystem::allow_free_strings() {
@@ -732,9 +736,10 @@ void MechanismSystem::part_strings(double t, std::span<const double> y) {
 
 void MechanismSystem::fill_strings(double t, std::span<double> y) {
   free_->move(t);
-  const std::size_t first = at(2 * n_ + law_states_);
+  const std::size_t first = as_index(2 * n_ + law_states_);
   std::copy(free_->eta().begin(), free_->eta().end(), y.subspan(first).begin());
-  std::copy(free_->rate().begin(), free_->rate().end(), y.subspan(first + at(modes_)).begin());
+  std::copy(free_->rate().begin(), free_->rate().end(),
+            y.subspan(first + as_index(modes_)).begin());
 }
 
 void MechanismSystem::join_strings(double t, std::span<double> y) {
@@ -746,8 +751,8 @@ void MechanismSystem::join_strings(double t, std::span<double> y) {
 bool MechanismSystem::strings_clear(double t, double gap) const {
   if (!(t == rhs_time_)) return false;
   for (const auto& touch : mechanism().string_contacts) {
-    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
-    const ContactState& c = dynamics_.contacts()[at(touch.contact)];
+    if (!mechanism().contacts[as_index(touch.contact)].enabled) continue;
+    const ContactState& c = dynamics_.contacts()[as_index(touch.contact)];
     if (c.closed || !(c.compression < -gap)) return false;
   }
   return true;
@@ -756,9 +761,9 @@ bool MechanismSystem::strings_clear(double t, double gap) const {
 /// At the compressions against strings at rest that were located last.
 bool MechanismSystem::within_reach() const {
   for (const auto& touch : mechanism().string_contacts) {
-    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
-    const ContactState& c = dynamics_.contacts()[at(touch.contact)];
-    if (!(c.compression + free_->reach(at(touch.string)) < -margin_)) return true;
+    if (!mechanism().contacts[as_index(touch.contact)].enabled) continue;
+    const ContactState& c = dynamics_.contacts()[as_index(touch.contact)];
+    if (!(c.compression + free_->reach(as_index(touch.string)) < -margin_)) return true;
   }
   return false;
 }
@@ -769,17 +774,18 @@ double MechanismSystem::string_approach(double t, std::span<const double> y) {
   locate(t, y);
   double largest = never;
   for (const auto& touch : mechanism().string_contacts) {
-    if (!mechanism().contacts[at(touch.contact)].enabled) continue;
-    largest = std::max(largest, dynamics_.contacts()[at(touch.contact)].compression);
+    if (!mechanism().contacts[as_index(touch.contact)].enabled) continue;
+    largest = std::max(largest, dynamics_.contacts()[as_index(touch.contact)].compression);
   }
   return largest;
 }
 
 void MechanismSystem::read_events(std::span<double> g) const {
   std::size_t i = 0;
-  for (const int contact : event_contacts_) g[i++] = dynamics_.contacts()[at(contact)].compression;
+  for (const int contact : event_contacts_)
+    g[i++] = dynamics_.contacts()[as_index(contact)].compression;
   for (const Monitor& monitor : monitors_) {
-    const auto& point = mechanism().points[at(monitor.point)].point;
+    const auto& point = mechanism().points[as_index(monitor.point)].point;
     g[i++] = dot(monitor.direction, dynamics_.position(point)) - monitor.level;
   }
 }
@@ -800,9 +806,9 @@ void MechanismSystem::powers(double t, std::span<const double> y, std::span<doub
     power = dynamics_.prescription().reaction *
             dynamics_.prescription().row.dot(Eigen::Map<const Eigen::VectorXd>(p.v.data(), n_));
   } else if (now.kind == InputKind::kTorque) {
-    power = now.force * p.v[at(now.coordinate)];
+    power = now.force * p.v[as_index(now.coordinate)];
   } else if (now.kind == InputKind::kMotion) {
-    power = dynamics_.contacts()[at(m.finger_contact)].law.force * now.speed;
+    power = dynamics_.contacts()[as_index(m.finger_contact)].law.force * now.speed;
   } else if (now.force != 0.0) {
     // With the accepted speeds: those of the last right-hand side may be off by all of Newton's
     // correction, which is many tolerances where one iteration was enough.
@@ -826,12 +832,12 @@ void MechanismSystem::powers(double t, std::span<const double> y, std::span<doub
                                                   s.closed ? s.rate : 0.0, dynamics_.memory(c));
     out[i++] = s.friction.value * s.law.force * s.slip;
   }
-  for (int k = 0; k < n_; ++k) out[i++] = dynamics_.joint_friction(k) * p.v[at(k)];
+  for (int k = 0; k < n_; ++k) out[i++] = dynamics_.joint_friction(k) * p.v[as_index(k)];
   for (const auto& s : m.strings) {
     // What a free string loses is counted from its energy.
-    out[i++] =
-        apart_ ? 0.0
-               : s.string.dissipated_power(p.eta_rate.subspan(at(s.offset), at(s.string.modes())));
+    out[i++] = apart_ ? 0.0
+                      : s.string.dissipated_power(
+                            p.eta_rate.subspan(as_index(s.offset), as_index(s.string.modes())));
   }
   for (std::size_t b = 0; b < m.beams.size(); ++b) {
     out[i++] = dynamics_.beam_damping_power(static_cast<int>(b));
@@ -843,7 +849,7 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   constexpr double felt = 2e-4;  // m
   constexpr double speed = 0.2;  // m/s
   std::vector<double> atol(size());
-  const std::size_t n = at(n_);
+  const std::size_t n = as_index(n_);
   for (std::size_t k = 0; k < n; ++k) {
     const double scale = m.coordinate_scale[k] / kFeltTravel;  // coordinate a meter of travel
     atol[k] = rtol * felt * scale;
@@ -855,29 +861,29 @@ std::vector<double> MechanismSystem::absolute_tolerances(double rtol) const {
   constexpr double lateral_modes = 1000.0;  // rad/s
   for (const auto& b : m.beams) {
     for (int k = b.first; k < b.first + b.count; ++k) {
-      atol[at(k)] *= bending;
-      atol[n + at(k)] = atol[at(k)] * lateral_modes;
+      atol[as_index(k)] *= bending;
+      atol[n + as_index(k)] = atol[as_index(k)] * lateral_modes;
     }
   }
   for (const auto& c : m.contacts) {
     for (std::size_t j = 0; j < c.law.n_states(); ++j) {
-      atol[2 * n + at(c.first_state) + j] = rtol * c.law.state(j, felt).scale;
+      atol[2 * n + as_index(c.first_state) + j] = rtol * c.law.state(j, felt).scale;
     }
   }
-  const std::size_t modal = 2 * n + at(law_states_);
+  const std::size_t modal = 2 * n + as_index(law_states_);
   if (apart_) return atol;
   for (const auto& s : m.strings) {
     const double shape = s.string.shape_scale();
     for (int j = s.offset; j < s.offset + s.string.modes(); ++j) {
-      atol[modal + at(j)] = rtol * felt / shape;
-      atol[modal + at(modes_ + j)] = rtol * speed / shape;
+      atol[modal + as_index(j)] = rtol * felt / shape;
+      atol[modal + as_index(modes_ + j)] = rtol * speed / shape;
     }
   }
   return atol;
 }
 
 int MechanismSystem::stiffest_contact(std::size_t state) const {
-  const std::size_t n = at(n_);
+  const std::size_t n = as_index(n_);
   const Mechanism& m = mechanism();
   if (state < 2 * n) {
     const auto k = static_cast<Eigen::Index>(state % n);
@@ -894,15 +900,16 @@ int MechanismSystem::stiffest_contact(std::size_t state) const {
     }
     return stiffest;
   }
-  if (state < 2 * n + at(law_states_)) {
+  if (state < 2 * n + as_index(law_states_)) {
     for (std::size_t i = 0; i < m.contacts.size(); ++i) {
       const int own = static_cast<int>(state - 2 * n) - m.contacts[i].first_state;
-      if (own >= 0 && at(own) < m.contacts[i].law.n_states()) return static_cast<int>(i);
+      if (own >= 0 && as_index(own) < m.contacts[i].law.n_states()) return static_cast<int>(i);
     }
   }
-  const std::size_t mode = (state - 2 * n - at(law_states_)) % std::max<std::size_t>(1, at(modes_));
+  const std::size_t mode =
+      (state - 2 * n - as_index(law_states_)) % std::max<std::size_t>(1, as_index(modes_));
   for (const auto& s : m.strings) {
-    if (!(mode < at(s.offset + s.string.modes()))) continue;
+    if (!(mode < as_index(s.offset + s.string.modes()))) continue;
     const auto touching = m.contacts_of(s);
     int stiffest = touching[0].contact;
     double most = 0.0;

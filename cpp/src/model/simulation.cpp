@@ -4,6 +4,7 @@
 #include <chrono>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "feltmb/core/error.hpp"
 #include "feltmb/core/index.hpp"
@@ -65,7 +66,7 @@ void append_row(RowMatrix& matrix, Eigen::Index row, std::span<const double> val
 /// Watches the largest force of one contact on the dense output.
 class PeakWatch {
  public:
-  PeakWatch(int contact, int position) : peak_{contact, 0.0, 0.0}, position_(position) {}
+  explicit PeakWatch(int contact) : peak_{contact, 0.0, 0.0} {}
 
   /// At the start of a run, after its first right-hand side: no peak, but the force there.
   void start(const MechanismSystem& system) {
@@ -77,7 +78,7 @@ class PeakWatch {
   /// Looks at the last step up to `end`.
   void look(MechanismSystem& system, const Integrator& integrator, double end,
             std::vector<double>& y) {
-    if (last_ <= 0.0 && end == integrator.time() && system.surely_open(end, position_)) return;
+    if (last_ <= 0.0 && end == integrator.time() && system.surely_open(end, peak_.contact)) return;
     const double begin = integrator.time() - integrator.last_step();
     const double force = force_at(system, integrator, end, y);
     const double before = last_;
@@ -109,17 +110,17 @@ class PeakWatch {
   double force_at(MechanismSystem& system, const Integrator& integrator, double t,
                   std::vector<double>& y) const {
     integrator.interpolate(t, y);
-    const std::size_t own[] = {at(position_)};
+    const std::size_t own[] = {as_index(peak_.contact)};
     system.locate_only(t, y, own);
     return force_of(system);
   }
 
   double force_of(const MechanismSystem& system) const {
-    const ContactState& s = system.dynamics().contacts()[at(position_)];
+    const ContactState& s = system.dynamics().contacts()[as_index(peak_.contact)];
     if (!s.closed) return 0.0;
     return system.mechanism()
-        .contacts[at(position_)]
-        .law.evaluate(s.compression, s.rate, system.dynamics().memory(at(position_)))
+        .contacts[as_index(peak_.contact)]
+        .law.evaluate(s.compression, s.rate, system.dynamics().memory(as_index(peak_.contact)))
         .force;
   }
 
@@ -130,7 +131,6 @@ class PeakWatch {
   }
 
   Peak peak_;
-  int position_;
   double last_ = 0.0;
 };
 
@@ -241,7 +241,7 @@ void SimulationState::check(const Mechanism& mechanism, std::size_t size) const 
 std::vector<Lowest> Lowest::of(const Mechanism& mechanism, const std::vector<int>& points) {
   std::vector<Lowest> out;
   for (const int point : points) {
-    if (point < 0 || at(point) >= mechanism.points.size()) {
+    if (point < 0 || as_index(point) >= mechanism.points.size()) {
       throw InvalidParameter(format("lowest_points: there is no point %d", point));
     }
     out.push_back({point, 0.0, 0.0});
@@ -251,22 +251,52 @@ std::vector<Lowest> Lowest::of(const Mechanism& mechanism, const std::vector<int
 
 namespace {
 
-class Run {
+/// Everything that a run changes as it goes on, beside the workspaces: assigned anew when one
+/// begins.
+struct RunState {
+  struct Stop {
+    double time;
+    bool restart;
+  };
+
+  Clock::time_point begin = Clock::now();
+  double duration = 0.0;  ///< [s]
+  Progress progress;
+  std::vector<Stop> stops;          ///< times that a step does not pass, ascending
+  std::vector<double> y;            ///< whole state from which the integrator starts
+  bool leaving = false;             ///< the strings can be left to themselves
+  std::vector<double> string_heat;  ///< of the times apart that are over [J]
+  AdamsQuadrature ledger{0};        ///< integrals of the powers
+  std::vector<double> felt_before;  ///< compressions at the start of a step, by remembering_ [m]
+  std::vector<double> felt_rate;    ///< of these, near the end of the last step
+  std::vector<double> recovered;    ///< heat of recovery by contact [J]
+  std::vector<PeakWatch> watches;
+  std::string broken;  ///< what is wrong with the last sample
+  long rows = 0;       ///< samples taken
+  long next_sample = 0;
+  double last_sample = -1.0;  ///< [s]
+  double next_report = 0.05;  ///< wall time of the next call of progress [s]
+  long progress_step = 0;     ///< at which the advance of the time was last checked
+  double progress_time = 0.0;
+  std::vector<long> state_counts;  ///< how often a state limited the step
+  std::vector<long> contact_counts;
+  RunResult result;
+};
+
+/// A mechanism with its integrators, ready for runs from any state, one after the other.
+class Simulator {
  public:
-  Run(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
-      const SimulationOptions& options, const SimulationState& start,
-      const std::vector<Monitor>& monitors, const Progress& progress)
+  Simulator(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
+            const SimulationOptions& options, const SimulationState& start,
+            const std::vector<Monitor>& monitors, const Progress& progress)
       : options_(options),
-        progress_(progress),
         mechanism_(mechanism),
-        system_(mechanism, input, options.ledger, monitors, options.events),
-        locator_(system_),
-        ledger_(system_.ledger_names().size()),
-        power_(ledger_.size()),
         modal_(options.method != Method::kCvode && !mechanism->strings.empty()),
+        finger_reference_(options.finger_reference),
+        system_(mechanism, input, options.ledger, monitors, options.events),
         whole_size_(system_.size()),
-        string_heat_(mechanism->strings.size(), 0.0),
-        begin_(Clock::now()) {
+        locator_(system_),
+        power_(system_.ledger_names().size()) {
     system_.set_tolerance(options.rtol);
     for (std::size_t i = 0; i < mechanism->contacts.size(); ++i) {
       const ContactLaw& law = mechanism->contacts[i].law;
@@ -279,34 +309,28 @@ class Run {
       if (index < 0) {
         throw InvalidParameter(format("peak_contacts: there is no contact %d", number));
       }
-      watches_.emplace_back(index, index);
+      watched_.push_back(index);
     }
-    set_start(input, start);
-    result_.lowest = Lowest::of(*mechanism, options.lowest_points);
-    for (const FlexibleBeam& beam : mechanism->beams) {
-      result_.deflections.push_back({beam.name, beam.length, 0.0, 0.0});
-    }
-    prepare_outputs();
+    if (options.outputs) channels_ = Channels(*mechanism);
+    begin(input, start, options.duration, progress);
   }
 
   /// For `again`. Both integrators are made now, by what the mechanism is at the start: one that is
   /// made at the first strike depends on it. Motions count from this start.
   void prepare_steps() {
-    options_.finger_reference = system_.finger_reference();
+    finger_reference_ = system_.finger_reference();
     if (modal_) {
       system_.allow_free_strings();
-      system_.part_strings(0.0, y_);
+      system_.part_strings(0.0, state_.y);
       apart_ = make_integrator(false);
-      system_.join_strings(0.0, y_);
+      system_.join_strings(0.0, state_.y);
     }
     whole_ = make_integrator(true);
   }
 
-  /// Another run of the same mechanism and options, without outputs; nothing of the last one stays
-  /// but the counts.
-  RunResult again(const Input& input, const SimulationState& start, double duration) {
-    options_.duration = duration;
-    result_ = {};
+  /// Another run of the same mechanism and options; nothing of the last one stays but the counts.
+  RunResult again(const InputSignal& input, const SimulationState& start, double duration,
+                  const Progress& progress) {
     const double share = share_of_tolerance(duration);
     system_.set_tolerance(share * options_.rtol);
     for (auto* each : {whole_.get(), apart_.get()}) {
@@ -315,71 +339,62 @@ class Run {
       each->scale_tolerances(share);
     }
     join_strings();
-    std::fill(string_heat_.begin(), string_heat_.end(), 0.0);
-    leaving_ = false;
-    stops_.clear();
-    broken_.clear();
-    rows_ = next_sample_ = progress_step_ = 0;
-    last_sample_ = -1.0;
-    next_report_ = 0.05;
-    progress_time_ = 0.0;
-    begin_ = Clock::now();
-    set_start(input, start);
+    begin(input, start, duration, progress);
     return run();
   }
 
   MechanismSystem& system() { return system_; }
-  void set_progress(const Progress& progress) { progress_ = progress; }
 
-  /// Seeks the largest force of every contact.
+  /// Seeks the largest force of every contact in the runs from now on.
   void watch_all() {
-    watches_.clear();
-    for (int i = 0; at(i) < mechanism_->contacts.size(); ++i) watches_.emplace_back(i, i);
+    watched_.resize(mechanism_->contacts.size());
+    std::iota(watched_.begin(), watched_.end(), 0);
   }
 
   /// Lets the strings be part of the state again.
   void join_strings() {
-    if (system_.strings_apart()) system_.join_strings(0.0, y_);
+    if (system_.strings_apart()) system_.join_strings(0.0, state_.y);
   }
 
   RunResult run() {
-    result_.method = modal_ ? Method::kModal : Method::kCvode;
     if (modal_) system_.allow_free_strings();
-    locator_.start(0.0, y_);
-    system_.rhs(0.0, y_, scratch_);
-    for (auto& watch : watches_) watch.start(system_);
-    if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, y_);
+    locator_.start(0.0, state_.y);
+    system_.rhs(0.0, state_.y, scratch_);
+    for (auto& watch : state_.watches) watch.start(system_);
+    if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, state_.y);
     if (current() == nullptr) {
       (system_.strings_apart() ? apart_ : whole_) = make_integrator(!system_.strings_apart());
     }
     Integrator* integrator = current();
-    ledger_.reset();
     start_at(*integrator, 0.0);
-    sample(0.0, y_);
-    if (!broken_.empty()) {
-      throw InvalidParameter("start state: " + broken_ + "; is the run that it is from damaged?");
+    sample(0.0, state_.y);
+    if (!state_.broken.empty()) {
+      throw InvalidParameter("start state: " + state_.broken +
+                             "; is the run that it is from damaged?");
     }
-    if (options_.on_step) options_.on_step(0.0, y_, largest(), system_.strings_apart());
+    if (options_.on_step) options_.on_step(0.0, state_.y, largest(), system_.strings_apart());
 
     std::size_t next_stop = 0;
     bool going = true;
     long steps = 0;
     while (going) {
       StepStatus status = StepStatus::kFailed;
+      ErrorCode code = ErrorCode::kNotConverged;
       std::string thrown;
       try {
-        status = integrator->step(stops_[next_stop].time);
+        status = integrator->step(state_.stops[next_stop].time);
       } catch (const Error& error) {
+        code = error.code();
         thrown = error.what();
       }
       if (status == StepStatus::kFailed) {
-        fail(*integrator, thrown.empty() ? integrator->message() : thrown);
+        fail(*integrator, code, thrown.empty() ? integrator->message() : thrown);
         break;
       }
       ++steps;
       // First, since they read the contacts of the last right-hand side.
       const double reached = integrator->time();
-      if (ledger_.size() > 0) {
+      if (state_.ledger.size() > 0) {
         system_.powers(reached, integrator->state(), power_);
         read_felts(felt_after_);
       }
@@ -390,20 +405,20 @@ class Run {
       const double now = reversal.contact >= 0 ? reversal.time : struck ? strike : reached;
       if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
         sample_until(*integrator, now);
-        fail_at(now, beyond);
+        fail_at(now, ErrorCode::kBeyondString, beyond);
         break;
       }
-      for (auto& watch : watches_) watch.look(system_, *integrator, now, scratch_);
+      for (auto& watch : state_.watches) watch.look(system_, *integrator, now, scratch_);
       for (const Crossing& crossing : locator_.scan(*integrator, now)) {
         record_event(*integrator, crossing);
       }
-      if (ledger_.size() > 0) advance_ledger(*integrator, now, reversal);
+      if (state_.ledger.size() > 0) advance_ledger(*integrator, now, reversal);
       sample_until(*integrator, now);
-      if (!broken_.empty()) {
-        fail_at(last_sample_, broken_);
+      if (!state_.broken.empty()) {
+        fail_at(state_.last_sample, ErrorCode::kNotFinite, state_.broken);
         break;
       }
-      if (now < reached) ledger_.cut(now);
+      if (now < reached) state_.ledger.cut(now);
       if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
       const bool free = system_.strings_apart();
       if (reversal.contact >= 0) {
@@ -412,58 +427,71 @@ class Run {
         integrator = meet_strings(*integrator, strike);
       }
       if (options_.on_step) {
-        write_whole(now, integrator->state(), y_);
-        options_.on_step(now, y_, largest(), free);
+        write_whole(now, integrator->state(), state_.y);
+        options_.on_step(now, state_.y, largest(), free);
       }
       if (reversal.contact >= 0 || struck) {
         // has been started anew
       } else if (status == StepStatus::kStop) {
-        const bool restart = stops_[next_stop].restart;
+        const bool restart = state_.stops[next_stop].restart;
         ++next_stop;
-        if (next_stop == stops_.size()) {
+        if (next_stop == state_.stops.size()) {
           going = false;
         } else if (restart) {
           // The slope of the input jumps here: the multistep history is void.
-          std::copy(integrator->state().begin(), integrator->state().end(), y_.begin());
+          std::copy(integrator->state().begin(), integrator->state().end(), state_.y.begin());
           start_at(*integrator, now);
-          ++result_.restarts;
+          ++state_.result.restarts;
         }
-      } else if (leaving_) {
+      } else if (state_.leaving) {
         integrator = leave_strings(*integrator);
       }
       if (going && !may_go_on(*integrator, steps)) going = false;
     }
     finish(*integrator);
-    return std::move(result_);
+    return std::move(state_.result);
   }
 
  private:
-  /// Input, state, memory and times to stop at of a run that begins.
-  void set_start(const Input& input, const SimulationState& start) {
+  /// A run begins: its input, state, memory, times to stop at and places of its samples.
+  void begin(const InputSignal& input, const SimulationState& start, double duration,
+             const Progress& progress) {
     if (!start.y.empty()) start.check(*mechanism_, whole_size_);
+    state_ = {};
+    state_.duration = duration;
+    state_.progress = progress;
     const SimulationState from =
         start.y.empty() ? SimulationState::of(find_equilibrium(mechanism_)) : start;
-    y_ = from.y;
-    if (!from.largest_compression.empty()) {
-      system_.dynamics().set_memories(from.largest_compression);
-    }
+    state_.y = from.y;
+    system_.dynamics().set_memories(from.largest_compression.empty()
+                                        ? std::vector<double>(mechanism_->contacts.size(), 0.0)
+                                        : from.largest_compression);
     system_.set_input(input);
-    felt_rate_.assign(remembering_.size(), 0.0);  // at rest
-    recovered_.assign(mechanism_->contacts.size(), 0.0);
     set_finger_reference();
-    system_.set_prescribed_reference(0.0, y_);
-    scratch_.resize(y_.size());
+    system_.set_prescribed_reference(0.0, state_.y);
+    scratch_.resize(state_.y.size());
+    state_.string_heat.assign(mechanism_->strings.size(), 0.0);
+    state_.ledger = AdamsQuadrature(system_.ledger_names().size());
+    state_.felt_rate.assign(remembering_.size(), 0.0);  // at rest
+    state_.recovered.assign(mechanism_->contacts.size(), 0.0);
+    for (const int contact : watched_) state_.watches.emplace_back(contact);
+    set_stops(input);
+    prepare_result();
+  }
+
+  void set_stops(const InputSignal& input) {
     const auto add_stops = [&](const std::vector<double>& times, bool restart) {
       for (const double on_profile : times) {
         const double t = on_profile - input.origin;
-        if (t > 0.0 && t < options_.duration) stops_.push_back({t, restart});
+        if (t > 0.0 && t < state_.duration) state_.stops.push_back({t, restart});
       }
     };
     add_stops(input.profile.breakpoints(), true);
     add_stops(input.profile.knots(), false);
-    std::stable_sort(stops_.begin(), stops_.end(),
-                     [](const Stop& a, const Stop& b) { return a.time < b.time; });
-    stops_.push_back({options_.duration, false});
+    std::stable_sort(
+        state_.stops.begin(), state_.stops.end(),
+        [](const RunState::Stop& a, const RunState::Stop& b) { return a.time < b.time; });
+    state_.stops.push_back({state_.duration, false});
   }
 
   /// Share of the tolerance for a step of the caller. Each start without history has an error of
@@ -476,11 +504,6 @@ class Run {
 
   static constexpr double kWholeTolerance = 0.01;   ///< duration from which the share is one [s]
   static constexpr double kLeastTolerance = 1e-12;  ///< relative, for rounding errors
-
-  struct Stop {
-    double time;
-    bool restart;
-  };
 
   struct Reversal {
     int contact = -1;
@@ -509,8 +532,8 @@ class Run {
     // The error test takes the mean square over all states: one alone may have this error.
     const double own = o.rtol * std::sqrt(static_cast<double>(whole_size_));
     const std::vector<FreeMode> modes =
-        free_modes(mechanism_, std::span<const double>(y_).first(at(m.size())));
-    o.max_order = order_without_growth(order, modes, own, options_.duration);
+        free_modes(mechanism_, std::span<const double>(state_.y).first(as_index(m.size())));
+    o.max_order = order_without_growth(order, modes, own, state_.duration);
     if (o.max_order < 3) return;
     o.long_order = o.max_order;
     o.max_order = 5;
@@ -531,13 +554,13 @@ class Run {
     return std::make_unique<Integrator>(system_, o);
   }
 
-  /// Starts from y_; the rates of the ledger are evaluated there.
+  /// Starts from state_.y; the rates of the ledger are evaluated there.
   void start_at(Integrator& integrator, double t) {
-    integrator.start(t, state_of(y_));
-    if (ledger_.size() == 0) return;
-    system_.powers(t, state_of(y_), power_);
-    ledger_.start(t, power_);
-    read_felts(felt_before_);
+    integrator.start(t, state_of(state_.y));
+    if (state_.ledger.size() == 0) return;
+    system_.powers(t, state_of(state_.y), power_);
+    state_.ledger.start(t, power_);
+    read_felts(state_.felt_before);
   }
 
   /// Compressions of the felts that remember at the state located last; of an open one 0.
@@ -558,7 +581,7 @@ class Run {
     const double begin = integrator.time() - integrator.last_step();
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       const std::size_t contact = remembering_[i];
-      const double before = felt_before_[i];
+      const double before = state_.felt_before[i];
       const bool turns = reversal.contact == static_cast<int>(contact);
       const double after = turns ? reversal.compression : felt_after_[i];
       const auto look = [&](double remembered) {
@@ -586,19 +609,19 @@ class Run {
   /// jumps: the loop that ends there has another loss than the curve beyond it. A polynomial over
   /// the jump is off by the jump times the step, so the quadrature starts anew there.
   void advance_ledger(const Integrator& integrator, double now, const Reversal& reversal) {
-    const std::size_t nodes = at(integrator.last_order()) + 1;
+    const std::size_t nodes = as_index(integrator.last_order()) + 1;
     if (!remembering_.empty()) find_passes(integrator, now, reversal);
-    std::swap(felt_before_, felt_after_);
+    std::swap(state_.felt_before, felt_after_);
     if (!passes_.empty()) {
       power_at_end_ = power_;
       for (const double t : passes_) {
-        ledger_.step(t, power_at(integrator, t - kPassWidth), nodes);
+        state_.ledger.step(t, power_at(integrator, t - kPassWidth), nodes);
         sample_until(integrator, t);
-        ledger_.start(t, power_at(integrator, t + kPassWidth));
+        state_.ledger.start(t, power_at(integrator, t + kPassWidth));
       }
       std::swap(power_, power_at_end_);
     }
-    ledger_.step(integrator.time(), power_, nodes);
+    state_.ledger.step(integrator.time(), power_, nodes);
   }
 
   /// Powers at t within the last step.
@@ -630,7 +653,7 @@ class Run {
   double find_strike(const Integrator& integrator) {
     constexpr double none = std::numeric_limits<double>::infinity();
     const double end = integrator.time();
-    leaving_ = modal_ && !system_.strings_apart() && system_.strings_clear(end, kClear);
+    state_.leaving = modal_ && !system_.strings_apart() && system_.strings_clear(end, kClear);
     if (!system_.strings_apart()) return none;
     const double after = system_.string_approach(end, integrator.state());
     if (!(after > 0.0)) return none;
@@ -645,19 +668,20 @@ class Run {
   }
 
   Integrator* meet_strings(const Integrator& integrator, double t) {
-    integrator.interpolate(t, y_);
-    system_.join_strings(t, y_);
-    for (std::size_t s = 0; s < string_heat_.size(); ++s) string_heat_[s] += system_.string_heat(s);
+    integrator.interpolate(t, state_.y);
+    system_.join_strings(t, state_.y);
+    for (std::size_t s = 0; s < state_.string_heat.size(); ++s)
+      state_.string_heat[s] += system_.string_heat(s);
     if (!whole_) whole_ = make_integrator(true);
-    ++result_.strikes;
+    ++state_.result.strikes;
     start_at(*whole_, t);
     read_felt_rates(t);
     return whole_.get();
   }
 
   Integrator* leave_strings(const Integrator& integrator) {
-    std::copy(integrator.state().begin(), integrator.state().end(), y_.begin());
-    system_.part_strings(integrator.time(), y_);
+    std::copy(integrator.state().begin(), integrator.state().end(), state_.y.begin());
+    system_.part_strings(integrator.time(), state_.y);
     if (!apart_) apart_ = make_integrator(false);
     start_at(*apart_, integrator.time());
     return apart_.get();
@@ -667,10 +691,10 @@ class Run {
 
   void set_finger_reference() {
     const Mechanism& m = system_.mechanism();
-    double place = options_.finger_reference;
+    double place = finger_reference_;
     if (m.finger_contact < 0) return;
     if (std::isnan(place)) {
-      system_.locate(0.0, y_);
+      system_.locate(0.0, state_.y);
       place = dot(m.finger_direction, system_.dynamics().position(m.finger_point));
     }
     system_.set_finger_reference(place);
@@ -706,12 +730,12 @@ class Run {
     const double end = integrator.time();
     const double begin = end - integrator.last_step();
     const double noise = 1e-3 * options_.rtol;  // m
-    const double before = felt_rate_[i];
+    const double before = state_.felt_rate[i];
     if (!state.closed && std::isnan(before)) return;
     TurningPoints& turns = dynamics.turns(contact);
     const CurveValue after = felt(contact);
     const double remembered = largest()[contact];
-    felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
+    state_.felt_rate[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
     const bool sure = std::fabs(before) > sure_rate();
     if (sure && state.closed && std::copysign(1.0, before) * after.slope > sure_rate()) return;
     const std::size_t one[] = {contact};
@@ -767,7 +791,7 @@ class Run {
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       const std::size_t contact = remembering_[i];
       const ContactState& state = system_.dynamics().contacts()[contact];
-      const double before = felt_rate_[i];
+      const double before = state_.felt_rate[i];
       if (system_.mechanism().contacts[contact].law.has_turns()) {
         find_turn(integrator, i, first);
         if (recovering_) recover(contact, felt(contact).force, h);
@@ -784,7 +808,7 @@ class Run {
         after = felt(contact);
         if (may_turn(contact, before, after, nothing_new)) turned_.push_back(contact);
       }
-      felt_rate_[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
+      state_.felt_rate[i] = state.closed ? after.slope : std::numeric_limits<double>::quiet_NaN();
       if (recovering_) recover(contact, after.force, h);
     }
     for (const std::size_t contact : turned_) {
@@ -811,65 +835,70 @@ class Run {
     const double before = law.stored_energy(0.0, {state, remembered});
     remembered *= std::exp(-h / time);
     law.turn(0.0, remembered, system_.dynamics().turns(contact));
-    recovered_[contact] += before - law.stored_energy(0.0, {state, remembered});
+    state_.recovered[contact] += before - law.stored_energy(0.0, {state, remembered});
   }
 
   void restart_at(Integrator& integrator, const Reversal& reversal) {
-    integrator.interpolate(reversal.time, y_);
-    const std::size_t index = at(reversal.contact);
+    integrator.interpolate(reversal.time, state_.y);
+    const std::size_t index = as_index(reversal.contact);
     double& remembered = largest()[index];
     const Contact& contact = mechanism_->contacts[index];
     if (options_.on_step) {
-      if (system_.strings_apart()) system_.fill_strings(reversal.time, y_);
-      options_.on_step(reversal.time, y_, largest(), system_.strings_apart());
+      if (system_.strings_apart()) system_.fill_strings(reversal.time, state_.y);
+      options_.on_step(reversal.time, state_.y, largest(), system_.strings_apart());
     }
     contact.law.turn(reversal.compression, remembered, system_.dynamics().turns(index));
     contact.law.widen(reversal.compression, remembered,
-                      y_.data() + 2 * at(mechanism_->size()) + contact.first_state);
+                      state_.y.data() + 2 * as_index(mechanism_->size()) + contact.first_state);
     remembered = std::max(remembered, reversal.compression);
     start_at(integrator, reversal.time);
     read_felt_rates(reversal.time, reversal.contact);
-    ++result_.reversals;
+    ++state_.result.reversals;
   }
 
   /// Rates where a step was cut, of which the felts knew those at its end. One turns there.
   void read_felt_rates(double t, int turning = -1) {
     if (remembering_.empty()) return;
-    system_.locate(t, y_, Detail::kAllContacts);
+    system_.locate(t, state_.y, Detail::kAllContacts);
     for (std::size_t i = 0; i < remembering_.size(); ++i) {
       const bool turns = static_cast<int>(remembering_[i]) == turning;
-      felt_rate_[i] = turns ? 0.0 : felt(remembering_[i]).slope;
+      state_.felt_rate[i] = turns ? 0.0 : felt(remembering_[i]).slope;
     }
   }
 
-  void prepare_outputs() {
-    result_.ledger_names = system_.ledger_names();
+  void prepare_result() {
+    RunResult& result = state_.result;
+    result.method = modal_ ? Method::kModal : Method::kCvode;
+    result.lowest = Lowest::of(*mechanism_, options_.lowest_points);
+    for (const FlexibleBeam& beam : mechanism_->beams) {
+      result.deflections.push_back({beam.name, beam.length, 0.0, 0.0});
+    }
+    result.ledger_names = system_.ledger_names();
     if (!options_.outputs) return;
-    channels_ = Channels(system_.mechanism());
-    result_.name_outputs(channels_);
-    const double last = std::floor(options_.duration * options_.output_rate * (1.0 + 1e-12));
+    result.name_outputs(channels_);
+    const double last = std::floor(state_.duration * options_.output_rate * (1.0 + 1e-12));
     const double skipped = std::ceil(options_.outputs_from * options_.output_rate * (1.0 - 1e-12));
     const double count = std::max(0.0, last - std::max(0.0, skipped));
-    const auto columns =
-        static_cast<double>(1 + result_.names.size() + y_.size() + result_.ledger_names.size());
-    check_samples(options_.output_rate, options_.duration, count, columns);
+    const std::size_t integrals = result.ledger_names.size();
+    const auto columns = static_cast<double>(1 + result.names.size() + state_.y.size() + integrals);
+    check_samples(options_.output_rate, state_.duration, count, columns);
     const auto rows = static_cast<Eigen::Index>(count) + 3;
-    result_.time.resize(rows);
-    result_.data.resize(rows, static_cast<Eigen::Index>(result_.names.size()));
-    if (options_.states) result_.states.resize(rows, static_cast<Eigen::Index>(y_.size()));
-    result_.ledger.resize(rows, static_cast<Eigen::Index>(result_.ledger_names.size()));
-    ledger_scratch_.resize(result_.ledger_names.size());
+    result.time.resize(rows);
+    result.data.resize(rows, static_cast<Eigen::Index>(result.names.size()));
+    if (options_.states) result.states.resize(rows, static_cast<Eigen::Index>(state_.y.size()));
+    result.ledger.resize(rows, static_cast<Eigen::Index>(integrals));
+    ledger_scratch_.resize(integrals);
   }
 
   double sample_time(long i) const {
-    return std::min(static_cast<double>(i) / options_.output_rate, options_.duration);
+    return std::min(static_cast<double>(i) / options_.output_rate, state_.duration);
   }
 
   void sample_until(const Integrator& integrator, double now) {
-    if (!options_.outputs && result_.lowest.empty()) return;
-    while (broken_.empty() && last_sample_ < options_.duration &&
-           sample_time(next_sample_) <= now) {
-      const double t = sample_time(next_sample_);
+    if (!options_.outputs && state_.result.lowest.empty()) return;
+    while (state_.broken.empty() && state_.last_sample < state_.duration &&
+           sample_time(state_.next_sample) <= now) {
+      const double t = sample_time(state_.next_sample);
       integrator.interpolate(t, scratch_);
       sample(t, scratch_);
     }
@@ -877,40 +906,40 @@ class Run {
 
   void sample(double t, std::span<const double> y) {
     const bool taken = options_.outputs && t >= options_.outputs_from;
-    if (next_sample_ == 0 && options_.outputs && options_.ledger) {
-      result_.start.resize(result_.names.size());
-      channels_.observe(system_, t, y, result_.start);
+    if (state_.next_sample == 0 && options_.outputs && options_.ledger) {
+      state_.result.start.resize(state_.result.names.size());
+      channels_.observe(system_, t, y, state_.result.start);
     }
     if (taken) {
       take_sample(t, y);
-    } else if (!result_.lowest.empty()) {
+    } else if (!state_.result.lowest.empty()) {
       system_.place(y);
     }
-    for (Lowest& each : result_.lowest) {
-      const auto& point = system_.mechanism().points[at(each.point)].point;
-      each.look(system_.dynamics().position(point).y, next_sample_ == 0);
+    for (Lowest& each : state_.result.lowest) {
+      const auto& point = system_.mechanism().points[as_index(each.point)].point;
+      each.look(system_.dynamics().position(point).y, state_.next_sample == 0);
     }
-    last_sample_ = t;
-    ++next_sample_;
+    state_.last_sample = t;
+    ++state_.next_sample;
   }
 
   /// Names the first entry of a row that is no number.
   template <class Name>
   void look_for_nan(std::span<const double> row, Name&& name) {
-    if (std::isfinite(sum_absolute(row.size(), row.data())) || !broken_.empty()) return;
+    if (std::isfinite(sum_absolute(row.size(), row.data())) || !state_.broken.empty()) return;
     for (std::size_t i = 0; i < row.size(); ++i) {
       if (std::isfinite(row[i])) continue;
-      broken_ = name(i) + " is not a finite number";
+      state_.broken = name(i) + " is not a finite number";
       return;
     }
   }
 
   /// `row`: the outputs just observed, with the condensed deflections.
   void look_at_deflections(double t, std::span<const double> row) {
-    for (std::size_t b = 0; b < result_.deflections.size(); ++b) {
+    for (std::size_t b = 0; b < state_.result.deflections.size(); ++b) {
       const FlexibleBeam& beam = system_.mechanism().beams[b];
-      const double now = beam.deflection(row.subspan(at(beam.first), at(beam.count)));
-      Deflection& seen = result_.deflections[b];
+      const double now = beam.deflection(row.subspan(as_index(beam.first), as_index(beam.count)));
+      Deflection& seen = state_.result.deflections[b];
       if (now <= seen.largest) continue;
       seen.largest = now;
       seen.time = t;
@@ -918,43 +947,45 @@ class Run {
   }
 
   void take_sample(double t, std::span<const double> y) {
-    if (rows_ >= result_.time.size()) return;
-    const auto row = static_cast<Eigen::Index>(rows_);
-    result_.time[row] = t;
+    if (state_.rows >= state_.result.time.size()) return;
+    const auto row = static_cast<Eigen::Index>(state_.rows);
+    state_.result.time[row] = t;
     if (options_.states) {
-      write_whole(t, y, {result_.states.row(row).data(), whole_size_});
+      write_whole(t, y, {state_.result.states.row(row).data(), whole_size_});
     }
     channels_.observe(
         system_, t, y,
-        {result_.data.row(row).data(), static_cast<std::size_t>(result_.data.cols())});
-    const std::span<const double> seen{result_.data.row(row).data(), result_.names.size()};
-    look_for_nan(seen, [&](std::size_t i) { return result_.names[i]; });
+        {state_.result.data.row(row).data(), static_cast<std::size_t>(state_.result.data.cols())});
+    const std::span<const double> seen{state_.result.data.row(row).data(),
+                                       state_.result.names.size()};
+    look_for_nan(seen, [&](std::size_t i) { return state_.result.names[i]; });
     look_for_nan(y.first(system_.size()), [&](std::size_t i) { return system_.state_name(i); });
     look_at_deflections(t, seen);
     if (!ledger_scratch_.empty()) {
-      ledger_.integrals(t, ledger_scratch_);
+      state_.ledger.integrals(t, ledger_scratch_);
       // work_in and work_throughput come first, then two columns a contact.
-      for (std::size_t i = 0; i < recovered_.size(); ++i) {
-        ledger_scratch_[2 + 2 * i] += recovered_[i];
+      for (std::size_t i = 0; i < state_.recovered.size(); ++i) {
+        ledger_scratch_[2 + 2 * i] += state_.recovered[i];
       }
-      const std::size_t strings = 2 + 2 * recovered_.size() + at(system_.coordinates());
-      for (std::size_t s = 0; s < string_heat_.size(); ++s) {
-        ledger_scratch_[strings + s] += string_heat_[s];
+      const std::size_t strings = 2 + 2 * state_.recovered.size() + as_index(system_.coordinates());
+      for (std::size_t s = 0; s < state_.string_heat.size(); ++s) {
+        ledger_scratch_[strings + s] += state_.string_heat[s];
         if (system_.strings_apart()) ledger_scratch_[strings + s] += system_.string_heat(s);
       }
-      std::copy(ledger_scratch_.begin(), ledger_scratch_.end(), result_.ledger.row(row).data());
+      std::copy(ledger_scratch_.begin(), ledger_scratch_.end(),
+                state_.result.ledger.row(row).data());
       look_for_nan(ledger_scratch_,
-                   [&](std::size_t i) { return "ledger " + result_.ledger_names[i]; });
+                   [&](std::size_t i) { return "ledger " + state_.result.ledger_names[i]; });
     }
-    if (broken_.empty()) ++rows_;
+    if (state_.broken.empty()) ++state_.rows;
   }
 
   void record_event(const Integrator& integrator, const Crossing& crossing) {
     constexpr std::size_t most = 100000;
-    if (result_.events.size() >= most) return;
+    if (state_.result.events.size() >= most) return;
     integrator.interpolate(crossing.time, scratch_);
     system_.locate(crossing.time, scratch_, Detail::kAllContacts);
-    const auto row = static_cast<Eigen::Index>(result_.events.size());
+    const auto row = static_cast<Eigen::Index>(state_.result.events.size());
     const auto contacts = system_.dynamics().contacts();
     std::vector<double> compression(contacts.size());
     std::vector<double> approach(contacts.size());
@@ -963,9 +994,9 @@ class Run {
       approach[i] = -dot(contacts[i].normal, contacts[i].relative_velocity);
     }
     const std::span<const double> y{scratch_};
-    append_row(result_.event_states, row, y.subspan(0, 2 * at(system_.coordinates())));
-    append_row(result_.event_compression, row, compression);
-    append_row(result_.event_approach, row, approach);
+    append_row(state_.result.event_states, row, y.subspan(0, 2 * as_index(system_.coordinates())));
+    append_row(state_.result.event_compression, row, compression);
+    append_row(state_.result.event_approach, row, approach);
     SimulationEvent event;
     event.time = crossing.time;
     event.direction = crossing.direction;
@@ -975,69 +1006,69 @@ class Run {
     } else {
       event.monitor = static_cast<int>(crossing.event - event_contacts.size());
     }
-    result_.events.push_back(event);
+    state_.result.events.push_back(event);
   }
 
   void diagnose(Integrator& integrator) {
     const std::size_t state = integrator.limiting_state();
-    if (state_counts_.empty()) {
-      state_counts_.assign(whole_size_, 0);
-      contact_counts_.assign(system_.mechanism().contacts.size(), 0);
+    if (state_.state_counts.empty()) {
+      state_.state_counts.assign(whole_size_, 0);
+      state_.contact_counts.assign(system_.mechanism().contacts.size(), 0);
     }
-    ++state_counts_[state];
+    ++state_.state_counts[state];
     const int contact = system_.stiffest_contact(state);
-    if (contact >= 0) ++contact_counts_[at(contact)];
+    if (contact >= 0) ++state_.contact_counts[as_index(contact)];
   }
 
   bool may_go_on(Integrator& integrator, long steps) {
     const double now = integrator.time();
     if (steps >= options_.max_steps) {
-      result_.status = RunStatus::kFailed;
-      result_.message = format("%ld steps were not enough; reached t = %.6g s", steps, now);
+      stop(RunStatus::kFailed, ErrorCode::kTooManySteps,
+           format("%ld steps were not enough; reached t = %.6g s", steps, now));
       return false;
     }
     if (steps % 64 != 0) return true;
     // A regularised law outside its data can hold the step at microscopic sizes for hours.
     constexpr long window = 100000;
     constexpr double least = 1e-5;  // s
-    if (steps - progress_step_ >= window) {
-      if (now - progress_time_ < least) {
-        result_.status = RunStatus::kFailed;
-        const std::size_t state = integrator.limiting_state();
-        const int contact = system_.stiffest_contact(state);
-        result_.failed_state = system_.state_name(state);
-        if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
-        result_.message = format(
-            "no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s limits "
-            "the step%s%s",
-            window, now - progress_time_, now, result_.failed_state.c_str(),
-            contact >= 0 ? ", stiffest contact there " : "", result_.failed_contact.c_str());
+    if (steps - state_.progress_step >= window) {
+      if (now - state_.progress_time < least) {
+        const std::string where = name_limit(integrator);
+        stop(RunStatus::kFailed, ErrorCode::kNoProgress,
+             format("no progress: %ld steps moved the time by %.3g s only, at t = %.9g s; state %s "
+                    "limits the step%s",
+                    window, now - state_.progress_time, now, state_.result.failed_state.c_str(),
+                    where.c_str()));
         return false;
       }
-      progress_step_ = steps;
-      progress_time_ = now;
+      state_.progress_step = steps;
+      state_.progress_time = now;
     }
-    const double wall = std::chrono::duration<double>(Clock::now() - begin_).count();
+    const double wall = std::chrono::duration<double>(Clock::now() - state_.begin).count();
     if (options_.max_wall > 0.0 && wall > options_.max_wall) {
-      result_.status = RunStatus::kWallTime;
-      result_.message =
-          format("wall time limit of %.3g s reached at t = %.6g s", options_.max_wall, now);
+      stop(RunStatus::kWallTime, ErrorCode::kWallTime,
+           format("wall time limit of %.3g s reached at t = %.6g s", options_.max_wall, now));
       return false;
     }
-    if (progress_ && wall >= next_report_) {
-      next_report_ = wall + 0.05;
-      if (!progress_(now)) {
-        result_.status = RunStatus::kInterrupted;
-        result_.message = format("interrupted at t = %.6g s", now);
+    if (state_.progress && wall >= state_.next_report) {
+      state_.next_report = wall + 0.05;
+      if (!state_.progress(now)) {
+        stop(RunStatus::kInterrupted, ErrorCode::kInterrupted,
+             format("interrupted at t = %.6g s", now));
         return false;
       }
     }
     return true;
   }
 
-  void fail_at(double t, const std::string& why) {
-    result_.status = RunStatus::kFailed;
-    result_.message = format("failed at t = %.9g s: %s", t, why.c_str());
+  void stop(RunStatus status, ErrorCode code, std::string why) {
+    state_.result.status = status;
+    state_.result.code = code;
+    state_.result.message = std::move(why);
+  }
+
+  void fail_at(double t, ErrorCode code, const std::string& why) {
+    stop(RunStatus::kFailed, code, format("failed at t = %.9g s: %s", t, why.c_str()));
   }
 
   /// Which law gives no number where the motion would go on from here, if one does.
@@ -1065,91 +1096,96 @@ class Run {
     return "";
   }
 
-  void fail(Integrator& integrator, const std::string& why) {
-    result_.status = RunStatus::kFailed;
-    const double t = integrator.time();
+  /// Keeps the state and the contact that limit the step, and tells the contact.
+  std::string name_limit(Integrator& integrator) {
     const std::size_t state = integrator.limiting_state();
-    result_.failed_state = system_.state_name(state);
     const int contact = system_.stiffest_contact(state);
-    if (contact >= 0) result_.failed_contact = system_.mechanism().contacts[at(contact)].name;
-    result_.message =
-        format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s", t,
-               integrator.last_step(), why.c_str(), result_.failed_state.c_str());
-    if (contact >= 0) {
-      result_.message += ", stiffest contact there " + result_.failed_contact;
-    }
-    result_.message += broken_law(integrator);
+    state_.result.failed_state = system_.state_name(state);
+    if (contact < 0) return "";
+    state_.result.failed_contact = mechanism_->contacts[as_index(contact)].name;
+    return ", stiffest contact there " + state_.result.failed_contact;
+  }
+
+  void fail(Integrator& integrator, ErrorCode code, const std::string& why) {
+    const std::string where = name_limit(integrator);
+    stop(RunStatus::kFailed, code,
+         format("integration stopped at t = %.9g s (step %.3g s): %s; largest error in state %s",
+                integrator.time(), integrator.last_step(), why.c_str(),
+                state_.result.failed_state.c_str()) +
+             where + broken_law(integrator));
   }
 
   void finish(Integrator& integrator) {
     const auto y = integrator.state();
-    result_.reached = integrator.time();
-    result_.end.time = integrator.time();
-    result_.end.y.assign(whole_size_, 0.0);
-    write_whole(result_.reached, y, result_.end.y);
-    result_.end.largest_compression = system_.dynamics().memories();
+    state_.result.reached = integrator.time();
+    state_.result.end.time = integrator.time();
+    state_.result.end.y.assign(whole_size_, 0.0);
+    write_whole(state_.result.reached, y, state_.result.end.y);
+    state_.result.end.largest_compression = system_.dynamics().memories();
     for (const auto* each : {whole_.get(), apart_.get()}) {
-      if (each != nullptr) result_.counts += each->counts();
+      if (each != nullptr) state_.result.counts += each->counts();
     }
-    result_.event_evaluations = locator_.evaluations();
-    for (const auto& watch : watches_) result_.peaks.push_back(watch.peak());
-    const auto rows = static_cast<Eigen::Index>(rows_);
+    state_.result.event_evaluations = locator_.evaluations();
+    for (const auto& watch : state_.watches) state_.result.peaks.push_back(watch.peak());
+    const auto rows = static_cast<Eigen::Index>(state_.rows);
     if (options_.outputs) {
-      result_.time.conservativeResize(rows);
-      result_.data.conservativeResize(rows, Eigen::NoChange);
-      if (options_.states) result_.states.conservativeResize(rows, Eigen::NoChange);
-      result_.ledger.conservativeResize(rows, Eigen::NoChange);
+      state_.result.time.conservativeResize(rows);
+      state_.result.data.conservativeResize(rows, Eigen::NoChange);
+      if (options_.states) state_.result.states.conservativeResize(rows, Eigen::NoChange);
+      state_.result.ledger.conservativeResize(rows, Eigen::NoChange);
     }
-    look_for_nan(result_.end.y, [&](std::size_t i) { return system_.state_name(i); });
-    if (!broken_.empty() && result_.status == RunStatus::kDone) fail_at(result_.reached, broken_);
+    look_for_nan(state_.result.end.y, [&](std::size_t i) { return system_.state_name(i); });
+    if (!state_.broken.empty() && state_.result.status == RunStatus::kDone)
+      fail_at(state_.result.reached, ErrorCode::kNotFinite, state_.broken);
     balance();
-    const auto event_rows = static_cast<Eigen::Index>(result_.events.size());
-    result_.event_states.conservativeResize(event_rows, 2 * system_.coordinates());
+    const auto event_rows = static_cast<Eigen::Index>(state_.result.events.size());
+    state_.result.event_states.conservativeResize(event_rows, 2 * system_.coordinates());
     const auto contacts = static_cast<Eigen::Index>(system_.mechanism().contacts.size());
-    result_.event_compression.conservativeResize(event_rows, contacts);
-    result_.event_approach.conservativeResize(event_rows, contacts);
+    state_.result.event_compression.conservativeResize(event_rows, contacts);
+    state_.result.event_approach.conservativeResize(event_rows, contacts);
     rank(
-        state_counts_, [&](std::size_t i) { return system_.state_name(i); },
-        result_.limiting_states);
+        state_.state_counts, [&](std::size_t i) { return system_.state_name(i); },
+        state_.result.limiting_states);
     rank(
-        contact_counts_, [&](std::size_t i) { return system_.mechanism().contacts[i].name; },
-        result_.limiting_contacts);
-    result_.wall = std::chrono::duration<double>(Clock::now() - begin_).count();
+        state_.contact_counts, [&](std::size_t i) { return system_.mechanism().contacts[i].name; },
+        state_.result.limiting_contacts);
+    state_.result.wall = std::chrono::duration<double>(Clock::now() - state_.begin).count();
   }
 
   /// What of the energy is missing, over all samples.
   void balance() {
-    if (!options_.outputs || !options_.ledger || rows_ == 0) return;
+    if (!options_.outputs || !options_.ledger || state_.rows == 0) return;
     const Eigen::Index first =
-        static_cast<Eigen::Index>(result_.names.size()) - Channels::kStoredParts;
-    const Eigen::Map<const Eigen::RowVectorXd> start(result_.start.data() + first,
+        static_cast<Eigen::Index>(state_.result.names.size()) - Channels::kStoredParts;
+    const Eigen::Map<const Eigen::RowVectorXd> start(state_.result.start.data() + first,
                                                      Channels::kStoredParts);
-    const RowMatrix stored = result_.data.rightCols(Channels::kStoredParts).rowwise() - start;
-    const Eigen::Index losses = result_.ledger.cols() - 2;
-    const Eigen::VectorXd residual = result_.ledger.col(0) - stored.rowwise().sum() -
-                                     result_.ledger.rightCols(losses).rowwise().sum();
-    LedgerBalance& b = result_.balance;
+    const RowMatrix stored = state_.result.data.rightCols(Channels::kStoredParts).rowwise() - start;
+    const Eigen::Index losses = state_.result.ledger.cols() - 2;
+    const Eigen::VectorXd residual = state_.result.ledger.col(0) - stored.rowwise().sum() -
+                                     state_.result.ledger.rightCols(losses).rowwise().sum();
+    LedgerBalance& b = state_.result.balance;
     b.residual = residual[residual.size() - 1];
     b.residual_largest = residual.cwiseAbs().maxCoeff();
     // Each of these passed through the mechanism at least once; they are the same energy at other
     // times and in other places, so they do not add up. Kinetic energy counts from rest.
-    const auto last = result_.ledger.row(result_.ledger.rows() - 1);
-    b.turned_over =
-        std::max({last[1], last.tail(losses).cwiseAbs().sum(), stored.cwiseAbs().maxCoeff(),
-                  result_.data.rightCols(Channels::kStoredParts).col(0).maxCoeff(), start[0]});
+    const auto last = state_.result.ledger.row(state_.result.ledger.rows() - 1);
+    b.turned_over = std::max(
+        {last[1], last.tail(losses).cwiseAbs().sum(), stored.cwiseAbs().maxCoeff(),
+         state_.result.data.rightCols(Channels::kStoredParts).col(0).maxCoeff(), start[0]});
     // What rounding and tolerance leave over is nothing.
     const double least =
-        options_.rtol * kLedgerTolerance * static_cast<double>(result_.ledger.cols());
+        options_.rtol * kLedgerTolerance * static_cast<double>(state_.result.ledger.cols());
     b.residual_relative = b.residual_largest / std::max(b.turned_over, least);
-    if (result_.status != RunStatus::kDone || !(b.residual_relative > options_.ledger_limit)) {
+    if (state_.result.status != RunStatus::kDone ||
+        !(b.residual_relative > options_.ledger_limit)) {
       return;
     }
-    result_.status = RunStatus::kFailed;
-    result_.message = format(
-        "the energy balance error reaches %.3g J, %.3g %% of the exchanged energy of %.3g J, "
-        "expected at most %.3g %% (ledger_limit); use a smaller rtol",
-        b.residual_largest, 100.0 * b.residual_relative, b.turned_over,
-        100.0 * options_.ledger_limit);
+    stop(RunStatus::kFailed, ErrorCode::kEnergyBalance,
+         format(
+             "the energy balance error reaches %.3g J, %.3g %% of the exchanged energy of %.3g J, "
+             "expected at most %.3g %% (ledger_limit); use a smaller rtol",
+             b.residual_largest, 100.0 * b.residual_relative, b.turned_over,
+             100.0 * options_.ledger_limit));
   }
 
   template <class Name>
@@ -1162,43 +1198,30 @@ class Run {
                      [](const auto& a, const auto& b) { return a.second > b.second; });
   }
 
-  SimulationOptions options_;
-  Progress progress_;
-  std::shared_ptr<const Mechanism> mechanism_;
-  MechanismSystem system_;
-  EventLocator locator_;
-  AdamsQuadrature ledger_;
-  std::vector<double> power_;                     ///< rates of the ledger [W]
-  std::vector<double> power_at_end_;              ///< of a step with jumps
-  std::vector<double> passes_;                    ///< times of these jumps [s]
-  std::vector<double> felt_before_, felt_after_;  ///< by remembering_, at the ends of a step [m]
-  const bool modal_;                              ///< strings that are free are advanced exactly
-  const std::size_t whole_size_;                  ///< of the state with all strings
-  std::unique_ptr<Integrator> whole_, apart_;
-  bool leaving_ = false;             ///< the strings can be left to themselves
-  std::vector<double> string_heat_;  ///< of the times apart that are over [J]
-  Clock::time_point begin_;
-  std::vector<double> y_;
-  std::vector<double> scratch_;
-  Channels channels_;
-  std::vector<double> ledger_scratch_;
-  std::vector<Stop> stops_;
-  std::vector<PeakWatch> watches_;
+  // The same in all runs.
+  const SimulationOptions options_;
+  const std::shared_ptr<const Mechanism> mechanism_;
+  const bool modal_;                      ///< strings that are free are advanced exactly
   std::vector<std::size_t> remembering_;  ///< contacts whose laws have memory
-  std::vector<double> felt_rate_;         ///< of these, near the end of the last step
-  std::vector<std::size_t> turned_;       ///< of these, in the last step; kept for its memory
   bool recovering_ = false;               ///< one of these forgets
-  std::vector<double> recovered_;         ///< heat of recovery by contact [J]
-  RunResult result_;
-  std::string broken_;  ///< what is wrong with the last sample
-  long rows_ = 0;
-  long next_sample_ = 0;
-  double last_sample_ = -1.0;
-  double next_report_ = 0.05;
-  long progress_step_ = 0;
-  double progress_time_ = 0.0;
-  std::vector<long> state_counts_;
-  std::vector<long> contact_counts_;
+  std::vector<int> watched_;              ///< contacts whose largest force is sought
+  double finger_reference_;               ///< NaN: the place at the start of each
+  Channels channels_;
+
+  // Workspaces.
+  MechanismSystem system_;
+  const std::size_t whole_size_;  ///< of the state with all strings
+  EventLocator locator_;
+  std::unique_ptr<Integrator> whole_, apart_;
+  std::vector<double> scratch_;
+  std::vector<double> power_;         ///< rates of the ledger [W]
+  std::vector<double> power_at_end_;  ///< of a step with jumps
+  std::vector<double> passes_;        ///< times of these jumps [s]
+  std::vector<double> felt_after_;    ///< as felt_before, at the end of the step
+  std::vector<std::size_t> turned_;   ///< of remembering_, in the last step; kept for its memory
+  std::vector<double> ledger_scratch_;
+
+  RunState state_;
 };
 
 /// Options of a stepper as those of its runs.
@@ -1236,20 +1259,20 @@ struct Stepper::Impl {
        const StepperOptions& options, const std::vector<Monitor>& monitors, StepState rest)
       : kind(input),
         state(std::move(rest)),
-        run(mechanism, Input{going_on({}), input}, for_steps(options), state.machine, monitors,
-            Progress{}),
+        simulator(mechanism, InputSignal{going_on({}), input}, for_steps(options), state.machine,
+                  monitors, Progress{}),
         channels(*mechanism) {
-    run.prepare_steps();
-    const auto [place, speed] = run.system().driven_place(0.0, state.machine.y);
+    simulator.prepare_steps();
+    const auto [place, speed] = simulator.system().driven_place(0.0, state.machine.y);
     reference = place;
     state.drive = {};
   }
 
   /// Place and speed of what a motion moves, counted from the rest.
   std::pair<double, double> driven() {
-    run.join_strings();
-    auto [place, speed] = run.system().driven_place(0.0, state.machine.y);
-    const double origin = is_prescribed(kind) ? reference : run.system().finger_reference();
+    simulator.join_strings();
+    auto [place, speed] = simulator.system().driven_place(0.0, state.machine.y);
+    const double origin = is_prescribed(kind) ? reference : simulator.system().finger_reference();
     return {place - origin, speed};
   }
 
@@ -1275,7 +1298,7 @@ struct Stepper::Impl {
 
   InputKind kind;
   StepState state;
-  Run run;
+  Simulator simulator;
   Channels channels;
   double reference = 0.0;  ///< place from which a prescribed motion counts
   long state_steps = 0;    ///< of the integrators so far
@@ -1309,7 +1332,7 @@ const StepState& Stepper::state() const { return impl_->state; }
 
 void Stepper::set_state(const StepState& state) {
   Impl& d = *impl_;
-  state.machine.check(d.run.system().mechanism(), rest_.machine.y.size());
+  state.machine.check(d.simulator.system().mechanism(), rest_.machine.y.size());
   for (const double number : {state.machine.time, state.drive.value, state.drive.rate,
                               state.drive.acceleration, state.drive.mean}) {
     if (!std::isfinite(number)) {
@@ -1339,10 +1362,10 @@ StepResult Stepper::advance(double duration, const StepInput& input, Hold hold,
   }
   const Profile profile = d.over_step(duration, input, hold);
   const double mean = (profile.value(duration) - profile.value(0.0)) / duration;
-  d.run.set_progress(progress);
-  RunResult done = d.run.again({profile, d.kind}, d.state.machine, duration);
+  RunResult done = d.simulator.again({profile, d.kind}, d.state.machine, duration, progress);
   StepResult out;
   out.status = done.status;
+  out.code = done.code;
   out.message = std::move(done.message);
   out.failed_state = std::move(done.failed_state);
   out.failed_contact = std::move(done.failed_contact);
@@ -1364,8 +1387,8 @@ StepResult Stepper::advance(double duration, const StepInput& input, Hold hold,
 std::span<const double> Stepper::outputs() {
   Impl& d = *impl_;
   if (d.observed) return d.outputs;
-  d.run.join_strings();
-  MechanismSystem& system = d.run.system();
+  d.simulator.join_strings();
+  MechanismSystem& system = d.simulator.system();
   system.dynamics().set_memories(d.state.machine.largest_compression);
   Profile profile = going_on(d.state.drive);
   if (is_prescribed(d.kind)) {
@@ -1385,7 +1408,7 @@ std::span<const double> Stepper::outputs() {
   return d.outputs;
 }
 
-void Stepper::watch_peaks() { impl_->run.watch_all(); }
+void Stepper::watch_peaks() { impl_->simulator.watch_all(); }
 
 std::span<const double> Stepper::forces() {
   outputs();
@@ -1402,7 +1425,7 @@ void RunResult::name_outputs(const Channels& channels) {
   }
 }
 
-RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
                    const SimulationOptions& options, const SimulationState& start,
                    const std::vector<Monitor>& monitors, const Progress& progress) {
   check(options);
@@ -1416,7 +1439,7 @@ RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Inpu
       return simulate_linear(mechanism, std::move(*machine), options, start, progress);
     }
   }
-  return Run(mechanism, input, options, start, monitors, progress).run();
+  return Simulator(mechanism, input, options, start, monitors, progress).run();
 }
 
 }  // namespace feltmb

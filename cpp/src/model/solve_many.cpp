@@ -19,16 +19,17 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   const Eigen::Index rate = eta + modes;
 
   for (int j = 0; j < modes; ++j) {
-    const double factor = modal_rate_factor_[at(j)];
+    const double factor = modal_rate_factor_[as_index(j)];
     b.row(rate + j) =
-        factor * b.row(rate + j) - (factor * g * modal_stiffness_[at(j)]) * b.row(eta + j);
+        factor * b.row(rate + j) - (factor * g * modal_stiffness_[as_index(j)]) * b.row(eta + j);
   }
   RowBlock& right = right_rows_;
   right.setZero(n_ + coupling_count_ + constraint_, columns);
   const auto width = static_cast<std::size_t>(columns);
-  add_row_products(at(n_), mass_.data(), 1.0, r_v.data(), width, width, right.data(), width);
+  add_row_products(as_index(n_), mass_.data(), 1.0, r_v.data(), width, width, right.data(), width);
   const auto& stiffness = stateful_count_ > 0 ? stiffness_ : base_stiffness_;  // see factorize
-  add_row_products(at(n_), stiffness.data(), g, r_q.data(), width, width, right.data(), width);
+  add_row_products(as_index(n_), stiffness.data(), g, r_q.data(), width, width, right.data(),
+                   width);
   if (loads != nullptr) right.topRows(n_) += g * *loads;
   if (constraint_ > 0) {
     const Prescription& p = dynamics_.prescription();
@@ -36,22 +37,22 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
         p.row.transpose() * r_v - g * (p.by_position.transpose() * r_q);
   }
   for (int i = 0; i < coupling_count_; ++i) {
-    const StringCoupling& c = couplings_[at(i)];
+    const StringCoupling& c = couplings_[as_index(i)];
     Row velocity = Row::Zero(columns);
     Row displacement = Row::Zero(columns);
     Row slope = Row::Zero(columns);
     for (int j = 0; j < c.count; ++j) {
       const int mode = c.offset + j;
-      const double phi = phi_[at(c.shape + j)];
+      const double phi = phi_[as_index(c.shape + j)];
       velocity += phi * b.row(rate + mode);
       displacement += phi * b.row(eta + mode);
-      slope += dphi_[at(c.shape + j)] * (b.row(eta + mode) + g * b.row(rate + mode));
+      slope += dphi_[as_index(c.shape + j)] * (b.row(eta + mode) + g * b.row(rate + mode));
     }
     displacement += g * velocity;
     for (int j = 0; j < coupling_count_; ++j) {
-      const StringCoupling& other = couplings_[at(j)];
+      const StringCoupling& other = couplings_[as_index(j)];
       if (other.string != c.string) continue;
-      const modal::GramSums& a = c.to[at(j)];
+      const modal::GramSums& a = c.to[as_index(j)];
       const Row shift = other.force * (other.strike.transpose() * r_q);
       velocity += (g * a.phi_dphi) * shift;
       displacement += (g * g * a.phi_dphi) * shift;
@@ -65,8 +66,8 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
                         c.by_rate * (c.rate_gradient.transpose() * r_q - speed);
   }
   for (int i = 0; i < stateful_count_; ++i) {
-    const StatefulContact& c = stateful_[at(i)];
-    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const StatefulContact& c = stateful_[as_index(i)];
+    const Contact& contact = mechanism().contacts[as_index(c.contact)];
     const auto count = static_cast<Eigen::Index>(contact.law.n_states());
     auto own = b.middleRows(law + contact.first_state, count);
     own = (c.inverse.topLeftCorner(count, count) * own).eval();
@@ -81,34 +82,34 @@ void MechanismSystem::solve_many(RowBlock& b, const RowBlock* loads) {
   r_q += g * right.topRows(n_);
   r_v = right.topRows(n_);
   for (int i = 0; i < coupling_count_; ++i) {
-    const StringCoupling& c = couplings_[at(i)];
+    const StringCoupling& c = couplings_[as_index(i)];
     const Row dforce = g * right.row(n_ + i);
     const Row shift = (g * c.force) * (c.strike.transpose() * r_q);  // r_q now holds dq
     for (int j = 0; j < c.count; ++j) {
-      const double factor = modal_rate_factor_[at(c.offset + j)];
-      b.row(rate + c.offset + j) +=
-          (factor * phi_[at(c.shape + j)]) * dforce + (factor * dphi_[at(c.shape + j)]) * shift;
+      const double factor = modal_rate_factor_[as_index(c.offset + j)];
+      b.row(rate + c.offset + j) += (factor * phi_[as_index(c.shape + j)]) * dforce +
+                                    (factor * dphi_[as_index(c.shape + j)]) * shift;
     }
   }
   b.middleRows(eta, modes) += g * b.middleRows(rate, modes);
 
   for (int i = 0; i < stateful_count_; ++i) {
-    const StatefulContact& c = stateful_[at(i)];
+    const StatefulContact& c = stateful_[as_index(i)];
     if (!c.closed) continue;
     Row compression = c.gradient->compression.transpose() * r_q;
     Row speed = c.gradient->rate.transpose() * r_q;
     speed += c.gradient->compression.transpose() * r_v;
     if (c.coupling >= 0) {
-      const StringCoupling& string = couplings_[at(c.coupling)];
+      const StringCoupling& string = couplings_[as_index(c.coupling)];
       for (int j = 0; j < string.count; ++j) {
         const int mode = string.offset + j;
-        const double phi = phi_[at(string.shape + j)];
+        const double phi = phi_[as_index(string.shape + j)];
         compression -= phi * b.row(eta + mode);
         speed -= phi * b.row(rate + mode) +
-                 (string.strike_speed * dphi_[at(string.shape + j)]) * b.row(eta + mode);
+                 (string.strike_speed * dphi_[as_index(string.shape + j)]) * b.row(eta + mode);
       }
     }
-    const Contact& contact = mechanism().contacts[at(c.contact)];
+    const Contact& contact = mechanism().contacts[as_index(c.contact)];
     const auto count = static_cast<Eigen::Index>(contact.law.n_states());
     auto own = b.middleRows(law + contact.first_state, count);
     own += c.by_compression.head(count) * compression + c.by_rate.head(count) * speed;

@@ -65,7 +65,7 @@ void Assembler::add_springs() {
     }
     if (index < 0) continue;
     m_->springs.push_back({s.name, index, s.stiffness, s.rest_angle, {s.clearance, s.seating}});
-    m_->joint_friction[at(index)].viscous += s.damping;
+    m_->joint_friction[as_index(index)].viscous += s.damping;
   }
 }
 
@@ -142,16 +142,16 @@ void Assembler::check_inertia() {
     bool rotates = false;
     for (const auto& link : m_->links) {
       for (const int index : link.path) {
-        const Motion& motion = m_->motions[at(index)];
+        const Motion& motion = m_->motions[as_index(index)];
         if (motion.coordinate != k) continue;
-        rotates = rotates || m_->links[at(motion.link)].kind == LinkKind::kRevolute;
+        rotates = rotates || m_->links[as_index(motion.link)].kind == LinkKind::kRevolute;
         mass += link.mass;
         inertia += link.inertia + link.mass * dot(link.center_of_mass, link.center_of_mass);
-        if (&link != &m_->links[at(motion.link)]) inertia += link.mass;
+        if (&link != &m_->links[as_index(motion.link)]) inertia += link.mass;
       }
     }
     if (!(rotates ? inertia > 0.0 : mass > 0.0)) {
-      fault("coordinate \"" + m_->coordinates[at(k)] +
+      fault("coordinate \"" + m_->coordinates[as_index(k)] +
             "\" moves no mass: give a mass to its body or to a body beyond it");
     }
   }
@@ -161,9 +161,9 @@ void Assembler::set_scales() {
   m_->coordinate_scale.assign(m_->coordinates.size(), kFeltTravel);
   std::vector<double> arm(m_->coordinates.size(), 0.0);
   const auto grow = [&](LinkPoint p) {
-    const Link& link = m_->links[at(p.link)];
+    const Link& link = m_->links[as_index(p.link)];
     if (link.kind != LinkKind::kRevolute) return;
-    double& a = arm[at(m_->motions[at(link.motions[0])].coordinate)];
+    double& a = arm[as_index(m_->motions[as_index(link.motions[0])].coordinate)];
     a = std::max(a, norm(p.local));
   };
   for (const auto& c : m_->contacts) {

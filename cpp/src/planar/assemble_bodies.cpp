@@ -18,15 +18,16 @@ Placement Assembler::frame(const Placement& p, Vec2 local, const std::string& wh
 }
 
 int Assembler::station(int beam, double x, const std::string& where) {
-  const double length = m_->beams[at(beam)].length;
+  const double length = m_->beams[as_index(beam)].length;
   if (!(x >= -1e-12 && x <= length * (1.0 + 1e-9))) {
     fault(where + format(": x = %.6g m lies outside the beam \"%s\" of %.6g m", x,
-                         m_->beams[at(beam)].name.c_str(), length));
+                         m_->beams[as_index(beam)].name.c_str(), length));
     return 0;
   }
   for (std::size_t i = 0; i < m_->links.size(); ++i) {
     const Link& link = m_->links[i];
-    if (link.kind == LinkKind::kStation && !link.lump && link.name == m_->beams[at(beam)].name &&
+    if (link.kind == LinkKind::kStation && !link.lump &&
+        link.name == m_->beams[as_index(beam)].name &&
         std::fabs(link.station - x) < 1e-9 * length) {
       return static_cast<int>(i);
     }
@@ -35,7 +36,7 @@ int Assembler::station(int beam, double x, const std::string& where) {
 }
 
 int Assembler::add_station(int index, double x, bool lump) {
-  const FlexibleBeam& beam = m_->beams[at(index)];
+  const FlexibleBeam& beam = m_->beams[as_index(index)];
   const ShapeValues values = beam.shapes.at(std::min(std::max(x, 0.0), beam.length));
   Link link;
   link.name = beam.name;
@@ -46,7 +47,7 @@ int Assembler::add_station(int index, double x, bool lump) {
   link.base = Rotation::of(link.angle);
   link.station = x;
   link.lump = lump;
-  link.path = m_->links[at(link.parent)].path;
+  link.path = m_->links[as_index(link.parent)].path;
   const int own = static_cast<int>(m_->links.size());
   for (int k = 0; k < beam.count; ++k) {
     Motion motion;
@@ -55,10 +56,10 @@ int Assembler::add_station(int index, double x, bool lump) {
     motion.group = beam.first;
     const int lateral = k - beam.shapes.axial();
     if (lateral < 0) {
-      motion.translation = {values.axial[at(k)], 0.0};
+      motion.translation = {values.axial[as_index(k)], 0.0};
     } else {
-      motion.translation = {0.0, values.lateral[at(lateral)]};
-      motion.rho = lump ? 0.0 : values.lateral_slope[at(lateral)];
+      motion.translation = {0.0, values.lateral[as_index(lateral)]};
+      motion.rho = lump ? 0.0 : values.lateral_slope[as_index(lateral)];
     }
     link.motions.push_back(static_cast<int>(m_->motions.size()));
     link.path.push_back(static_cast<int>(m_->motions.size()));
@@ -129,7 +130,7 @@ void Assembler::place_body(const BodyDescription& b, const Placement& parent_bod
     placement_[b.name] = p;
     m_->bodies.emplace_back(b.name, p);
     if (p.link == 0) return;
-    merge(m_->links[at(p.link)], b.mass, p.offset + Rotation::of(p.angle) * b.center_of_mass,
+    merge(m_->links[as_index(p.link)], b.mass, p.offset + Rotation::of(p.angle) * b.center_of_mass,
           b.inertia);
     return;
   }
@@ -154,7 +155,7 @@ void Assembler::place_body(const BodyDescription& b, const Placement& parent_bod
   const int index = static_cast<int>(m_->motions.size());
   m_->motions.push_back(motion);
   link.motions = {index};
-  link.path = m_->links[at(link.parent)].path;
+  link.path = m_->links[as_index(link.parent)].path;
   link.path.push_back(index);
   const Placement p{static_cast<int>(m_->links.size()), {}, 0.0, -1};
   placement_[b.name] = p;
@@ -168,10 +169,11 @@ int Assembler::add_coordinate(const std::string& name, bool angle, const std::st
   if (m_->coordinate_index(name) >= 0) {
     fault(where + ": coordinate \"" + name + "\" is given twice");
   }
-  const auto& path = m_->links[at(parent_link)].path;
+  const auto& path = m_->links[as_index(parent_link)].path;
   m_->coordinates.push_back(name);
   m_->coordinate_is_angle.push_back(angle);
-  m_->coordinate_parent.push_back(path.empty() ? -1 : m_->motions[at(path.back())].coordinate);
+  m_->coordinate_parent.push_back(path.empty() ? -1
+                                               : m_->motions[as_index(path.back())].coordinate);
   m_->joint_friction.push_back(friction);
   return m_->size() - 1;
 }
@@ -213,11 +215,11 @@ void Assembler::add_beam(const BodyDescription& b, const Placement& base) {
     integrate_mass(beam, d);
     const int index = static_cast<int>(m_->beams.size());
     m_->beams.push_back(beam);
-    const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+    const QuadratureRule rule = make_gauss_legendre(as_index(beam.shapes.quadrature_points()));
     for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
       const double x = 0.5 * d.length * (1.0 + rule.nodes[i]);
       const int lump = add_station(index, x, true);
-      m_->links[at(lump)].mass = 0.5 * d.length * rule.weights[i] * d.linear_density;
+      m_->links[as_index(lump)].mass = 0.5 * d.length * rule.weights[i] * d.linear_density;
     }
     Placement p = base;
     p.beam = index;
@@ -230,12 +232,12 @@ void Assembler::add_beam(const BodyDescription& b, const Placement& base) {
 }
 
 void Assembler::integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
-  beam.shape_moment.assign(at(beam.count), {});
-  beam.radial.assign(at(beam.count), 0.0);
-  beam.transverse.assign(at(beam.count), 0.0);
+  beam.shape_moment.assign(as_index(beam.count), {});
+  beam.radial.assign(as_index(beam.count), 0.0);
+  beam.transverse.assign(as_index(beam.count), 0.0);
   beam.shape_product.setZero(beam.count, beam.count);
   beam.shape_cross.setZero(beam.count, beam.count);
-  const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+  const QuadratureRule rule = make_gauss_legendre(as_index(beam.shapes.quadrature_points()));
   beam.axial_at.setZero(4, beam.count);
   beam.lateral_at.setZero(4, beam.count);
   for (int quarter = 1; quarter <= 4; ++quarter) {
@@ -243,10 +245,10 @@ void Assembler::integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
     for (int k = 0; k < beam.count; ++k) {
       const int lateral = k - d.axial_shapes;
       (lateral < 0 ? beam.axial_at : beam.lateral_at)(quarter - 1, k) =
-          lateral < 0 ? v.axial[at(k)] : v.lateral[at(lateral)];
+          lateral < 0 ? v.axial[as_index(k)] : v.lateral[as_index(lateral)];
     }
   }
-  std::vector<Vec2> shape(at(beam.count));
+  std::vector<Vec2> shape(as_index(beam.count));
   for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
     const double mass = 0.5 * d.length * rule.weights[i] * d.linear_density;
     const double x = 0.5 * d.length * (1.0 + rule.nodes[i]);
@@ -256,15 +258,16 @@ void Assembler::integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
     beam.second_moment += mass * x * x;
     for (int k = 0; k < beam.count; ++k) {
       const int lateral = k - d.axial_shapes;
-      shape[at(k)] = lateral < 0 ? Vec2{v.axial[at(k)], 0.0} : Vec2{0.0, v.lateral[at(lateral)]};
-      beam.shape_moment[at(k)] += mass * shape[at(k)];
-      beam.radial[at(k)] += mass * x * shape[at(k)].x;
-      beam.transverse[at(k)] += mass * x * shape[at(k)].y;
+      shape[as_index(k)] =
+          lateral < 0 ? Vec2{v.axial[as_index(k)], 0.0} : Vec2{0.0, v.lateral[as_index(lateral)]};
+      beam.shape_moment[as_index(k)] += mass * shape[as_index(k)];
+      beam.radial[as_index(k)] += mass * x * shape[as_index(k)].x;
+      beam.transverse[as_index(k)] += mass * x * shape[as_index(k)].y;
     }
     for (int k = 0; k < beam.count; ++k) {
       for (int l = 0; l < beam.count; ++l) {
-        beam.shape_product(k, l) += mass * dot(shape[at(k)], shape[at(l)]);
-        beam.shape_cross(k, l) += mass * cross(shape[at(k)], shape[at(l)]);
+        beam.shape_product(k, l) += mass * dot(shape[as_index(k)], shape[as_index(l)]);
+        beam.shape_cross(k, l) += mass * cross(shape[as_index(k)], shape[as_index(l)]);
       }
     }
   }
@@ -272,7 +275,7 @@ void Assembler::integrate_mass(FlexibleBeam& beam, const BeamDescription& d) {
 
 void Assembler::integrate_stiffness(FlexibleBeam& beam, const BeamDescription& d) {
   beam.stiffness.setZero(beam.count, beam.count);
-  const QuadratureRule rule = make_gauss_legendre(at(beam.shapes.quadrature_points()));
+  const QuadratureRule rule = make_gauss_legendre(as_index(beam.shapes.quadrature_points()));
   for (std::size_t i = 0; i < rule.nodes.size(); ++i) {
     const double weight = 0.5 * d.length * rule.weights[i];
     const ShapeValues v = beam.shapes.at(0.5 * d.length * (1.0 + rule.nodes[i]));
@@ -282,10 +285,10 @@ void Assembler::integrate_stiffness(FlexibleBeam& beam, const BeamDescription& d
         const int jl = j - d.axial_shapes;
         if (kl < 0 && jl < 0) {
           beam.stiffness(k, j) +=
-              weight * d.axial_stiffness * v.axial_slope[at(k)] * v.axial_slope[at(j)];
+              weight * d.axial_stiffness * v.axial_slope[as_index(k)] * v.axial_slope[as_index(j)];
         } else if (kl >= 0 && jl >= 0) {
-          beam.stiffness(k, j) += weight * d.bending_stiffness * v.lateral_curvature[at(kl)] *
-                                  v.lateral_curvature[at(jl)];
+          beam.stiffness(k, j) += weight * d.bending_stiffness * v.lateral_curvature[as_index(kl)] *
+                                  v.lateral_curvature[as_index(jl)];
         }
       }
     }

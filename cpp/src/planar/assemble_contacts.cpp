@@ -185,7 +185,7 @@ void Assembler::set_coordinates(std::vector<int>& out, int link_a, int link_b) c
   std::set<int> both;
   for (const int link : {link_a, link_b}) {
     const auto& path = m_->links[static_cast<std::size_t>(link)].path;
-    for (const int motion : path) both.insert(m_->motions[at(motion)].coordinate);
+    for (const int motion : path) both.insert(m_->motions[as_index(motion)].coordinate);
   }
   out.assign(both.begin(), both.end());
 }
@@ -223,7 +223,7 @@ void Assembler::add_motor() {
   m_->motor_coordinate = m_->coordinate_index(d_.motor->coordinate);
   if (m_->motor_coordinate < 0) {
     fault("motor: there is no coordinate \"" + d_.motor->coordinate + "\"");
-  } else if (!m_->coordinate_is_angle[at(m_->motor_coordinate)]) {
+  } else if (!m_->coordinate_is_angle[as_index(m_->motor_coordinate)]) {
     fault("motor: coordinate \"" + d_.motor->coordinate + "\" is no angle");
   }
   if (d_.motor->contact == 0) return;
@@ -261,7 +261,8 @@ void Assembler::add_strings() {
                        static_cast<int>(touching.size())};
       if (s.rigid) continue;
       for (StringContact& c : touching) {
-        m_->contacts[at(c.contact)].string_contact = static_cast<int>(m_->string_contacts.size());
+        m_->contacts[as_index(c.contact)].string_contact =
+            static_cast<int>(m_->string_contacts.size());
         c.string = static_cast<int>(m_->strings.size());
         c.shape = m_->total_shapes;
         m_->total_shapes += a.string.modes();

@@ -14,18 +14,19 @@ void Dynamics::complete_links() {
   }
   for (std::size_t i = 1; i < links_.size(); ++i) {
     const Link& link = m_->links[i];
-    const LinkState& parent = links_[at(link.parent)];
+    const LinkState& parent = links_[as_index(link.parent)];
     LinkState& state = links_[i];
     const Vec2 arm = state.origin - parent.origin;
     state.acceleration =
         parent.acceleration + parent.alpha * perp(arm) - (parent.omega * parent.omega) * arm;
     state.alpha = parent.alpha;
     for (const int index : link.motions) {
-      const Motion& motion = m_->motions[at(index)];
+      const Motion& motion = m_->motions[as_index(index)];
       const double a_k = acceleration_[motion.coordinate];
       state.alpha += motion.rho * a_k;
-      state.acceleration += a_k * translation_[at(index)] +
-                            (2.0 * v_[at(motion.coordinate)]) * translation_rate_[at(index)];
+      state.acceleration +=
+          a_k * translation_[as_index(index)] +
+          (2.0 * v_[as_index(motion.coordinate)]) * translation_rate_[as_index(index)];
     }
   }
 }
@@ -53,14 +54,15 @@ void Dynamics::differentiate() {
     const double net_virial = w.virial + dot(center, remaining);
 
     for (std::size_t x = 0; x < link.path.size(); ++x) {
-      const Motion& mk = m_->motions[at(link.path[x])];
+      const Motion& mk = m_->motions[as_index(link.path[x])];
       const int k = mk.coordinate;
       // Turning an upstream frame j turns the column of k with it; within one beam only the arm.
-      const double arm_turn = -mk.rho * (net_virial - dot(net_force, links_[at(mk.link)].origin));
-      const double turn = dot(net_force, perp(translation_[at(link.path[x])])) + arm_turn;
+      const double arm_turn =
+          -mk.rho * (net_virial - dot(net_force, links_[as_index(mk.link)].origin));
+      const double turn = dot(net_force, perp(translation_[as_index(link.path[x])])) + arm_turn;
       stiffness_(k, k) += mk.rho * arm_turn;
       for (std::size_t y = 0; y < x; ++y) {
-        const Motion& mj = m_->motions[at(link.path[y])];
+        const Motion& mj = m_->motions[as_index(link.path[y])];
         if (mj.rho == 0.0) continue;
         const double value = mj.rho * (mj.group == mk.group ? arm_turn : turn);
         stiffness_(k, mj.coordinate) += value;
@@ -71,18 +73,19 @@ void Dynamics::differentiate() {
     const std::size_t depth = link.path.size();
     for (std::size_t x = 0; x < depth; ++x) {
       const int j = link.path[x];
-      const Motion& mj = m_->motions[at(j)];
-      const LinkState& base = links_[at(m_->links[at(mj.link)].parent)];
-      const Vec2 t = translation_[at(j)];
-      second_[x] = link.mass * (base.alpha * perp(t) - (base.omega * base.omega) * t +
-                                mj.rho * perp(acceleration - links_[at(mj.link)].acceleration));
+      const Motion& mj = m_->motions[as_index(j)];
+      const LinkState& base = links_[as_index(m_->links[as_index(mj.link)].parent)];
+      const Vec2 t = translation_[as_index(j)];
+      second_[x] =
+          link.mass * (base.alpha * perp(t) - (base.omega * base.omega) * t +
+                       mj.rho * perp(acceleration - links_[as_index(mj.link)].acceleration));
       first_[x] = (2.0 * link.mass) * column_rate(j, velocity);
       own_column_[x] = column(j, center);
     }
     for (std::size_t y = 0; y < depth; ++y) {
-      const int to = twist_[at(link.path[y])].coordinate * n_;
+      const int to = twist_[as_index(link.path[y])].coordinate * n_;
       for (std::size_t x = 0; x < depth; ++x) {
-        const int place = twist_[at(link.path[x])].coordinate + to;
+        const int place = twist_[as_index(link.path[x])].coordinate + to;
         stiffness_.data()[place] -= dot(own_column_[x], second_[y]);
         damping_.data()[place] -= dot(own_column_[x], first_[y]);
       }
@@ -132,14 +135,14 @@ void Dynamics::differentiate_members() {
     }
   }
   for (const auto& spring : m_->springs) {
-    const double x = q_[at(spring.coordinate)] - spring.rest_angle;
+    const double x = q_[as_index(spring.coordinate)] - spring.rest_angle;
     stiffness_(spring.coordinate, spring.coordinate) -= spring.stiffness + spring.play.at(x).slope;
   }
   for (std::size_t i = 0; i < turning_.size(); ++i) {
     damping_(turning_[i], turning_[i]) -= resistance_[i].slope;
   }
   for (const Dashpot& d : m_->dashpots) {
-    damping_(d.coordinate, d.coordinate) -= d.against(v_[at(d.coordinate)]).slope;
+    damping_(d.coordinate, d.coordinate) -= d.against(v_[as_index(d.coordinate)]).slope;
   }
   for (std::size_t i = 0; i < m_->straps.size(); ++i) {
     if (strap_pull_[i] > 0.0) differentiate_strap(i);
@@ -152,9 +155,9 @@ void Dynamics::release_condensed() {
     stiffness_.row(k).setZero();
     damping_.row(k).setZero();
     for (int i = 0; i < gradient_count_; ++i) {
-      gradients_[at(i)].by_force[k] = 0.0;
-      gradients_[at(i)].by_compression[k] = 0.0;
-      gradients_[at(i)].by_slope[k] = 0.0;
+      gradients_[as_index(i)].by_force[k] = 0.0;
+      gradients_[as_index(i)].by_compression[k] = 0.0;
+      gradients_[as_index(i)].by_slope[k] = 0.0;
     }
   }
 }
@@ -170,12 +173,12 @@ void Dynamics::differentiate_strap(std::size_t i) {
     Vec2 jk{};
     if (const int motion = motion_of(k, strap.b.link); motion >= 0) jk += column(motion, pb);
     if (const int motion = motion_of(k, strap.a.link); motion >= 0) jk -= column(motion, pa);
-    column_b_[at(k)] = jk;
+    column_b_[as_index(k)] = jk;
   }
   for (const int k : strap.coordinates) {
     for (const int j : strap.coordinates) {
-      const Vec2 jk = column_b_[at(k)];
-      const Vec2 jj = column_b_[at(j)];
+      const Vec2 jk = column_b_[as_index(k)];
+      const Vec2 jj = column_b_[as_index(j)];
       stiffness_(k, j) -=
           (strap_slope_[i] - geometric) * dot(u, jk) * dot(u, jj) + geometric * dot(jk, jj);
     }
@@ -185,8 +188,8 @@ void Dynamics::differentiate_strap(std::size_t i) {
 void Dynamics::differentiate_contact(std::size_t i) {
   const Contact& contact = m_->contacts[i];
   const ContactState& s = contacts_[i];
-  const LinkState& a = links_[at(contact.a.link)];
-  const LinkState& b = links_[at(contact.b.link)];
+  const LinkState& a = links_[as_index(contact.a.link)];
+  const LinkState& b = links_[as_index(contact.b.link)];
   ContactGradient& g = next_gradient(i, true);
 
   const double force = s.law.force;
@@ -207,8 +210,8 @@ void Dynamics::differentiate_contact(std::size_t i) {
     const Vec2 ja = in_a ? column(motion_a, s.point) : Vec2{};
     const Vec2 jb = in_b ? column(motion_b, s.point) : Vec2{};
     const Vec2 center_column = in_b ? column(motion_b, s.center) : Vec2{};
-    column_a_[at(j)] = ja;
-    column_b_[at(j)] = jb;
+    column_a_[as_index(j)] = ja;
+    column_b_[as_index(j)] = jb;
 
     Vec2 dn{};
     if (s.turning_normal) {
@@ -218,7 +221,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
     } else if (in_a) {
       dn = rho(motion_a) * tangent;
     }
-    dn_[at(j)] = dn;
+    dn_[as_index(j)] = dn;
 
     double de = -dot(n, jb - ja);
     double strike = 0.0;
@@ -232,7 +235,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
 
     // Point of application at fixed compression; its share through de is in by_compression.
     const Vec2 dp = center_column - (contact.radius_b - 0.5 * s.compression) * dn;
-    dp_[at(j)] = dp;
+    dp_[as_index(j)] = dp;
     Vec2 du{};
     if (in_b)
       du += column_rate(motion_b, velocity_b) + b.omega * perp(dp - jb);
@@ -242,7 +245,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
       du -= column_rate(motion_a, velocity_a) + a.omega * perp(dp - ja);
     else
       du -= a.omega * perp(dp);
-    du_[at(j)] = du;
+    du_[as_index(j)] = du;
 
     double de_rate = -dot(dn, s.relative_velocity) - dot(n, du);
     if (with_string) {
@@ -255,7 +258,7 @@ void Dynamics::differentiate_contact(std::size_t i) {
 
   const double slip_by_compression = 0.5 * (b.omega - a.omega);
   for (const int k : contact.coordinates) {
-    const Vec2 jk = column_b_[at(k)] - column_a_[at(k)];
+    const Vec2 jk = column_b_[as_index(k)] - column_a_[as_index(k)];
     const int motion_a = motion_of(k, contact.a.link);
     const int motion_b = motion_of(k, contact.b.link);
     const double rho_a = motion_a >= 0 ? rho(motion_a) : 0.0;
@@ -267,23 +270,23 @@ void Dynamics::differentiate_contact(std::size_t i) {
                           force * s.friction.slope * slip_by_compression * along;
 
     for (const int j : contact.coordinates) {
-      const Vec2 dn = dn_[at(j)];
-      const double dslip = dot(perp(dn), s.relative_velocity) + dot(tangent, du_[at(j)]);
+      const Vec2 dn = dn_[as_index(j)];
+      const double dslip = dot(perp(dn), s.relative_velocity) + dot(tangent, du_[as_index(j)]);
       const Vec2 df = force * (dn - mu * perp(dn) - (s.friction.slope * dslip) * tangent);
       double value = dot(jk, df);
       // Where the point of application moves against the material of each link.
-      value += rho_b * dot(perp(dp_[at(j)] - column_b_[at(j)]), f) -
-               rho_a * dot(perp(dp_[at(j)] - column_a_[at(j)]), f);
+      value += rho_b * dot(perp(dp_[as_index(j)] - column_b_[as_index(j)]), f) -
+               rho_a * dot(perp(dp_[as_index(j)] - column_a_[as_index(j)]), f);
       if (with_string) value += force * s.string.curvature * g.strike[k] * g.strike[j];
       stiffness_(k, j) += value;
-      damping_(k, j) -=
-          force * s.friction.slope * along * dot(tangent, column_b_[at(j)] - column_a_[at(j)]);
+      damping_(k, j) -= force * s.friction.slope * along *
+                        dot(tangent, column_b_[as_index(j)] - column_a_[as_index(j)]);
     }
   }
 }
 
 ContactGradient& Dynamics::next_gradient(std::size_t contact, bool exact) {
-  ContactGradient& g = gradients_[at(gradient_count_++)];
+  ContactGradient& g = gradients_[as_index(gradient_count_++)];
   // Of a contact as before, what is not zero is about to be overwritten.
   if (!exact && !g.exact && g.contact == static_cast<int>(contact)) return g;
   g.contact = static_cast<int>(contact);

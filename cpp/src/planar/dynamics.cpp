@@ -7,10 +7,24 @@
 #include "feltmb/core/index.hpp"
 
 namespace feltmb {
+namespace {
+
+/// x^T A x / 2 with the lower triangle of a symmetric A.
+double half_quadratic(const Eigen::MatrixXd& a, const double* x) {
+  double sum = 0.0;
+  for (Eigen::Index k = 0; k < a.cols(); ++k) {
+    double product = 0.5 * a(k, k) * x[k];
+    for (Eigen::Index i = k + 1; i < a.rows(); ++i) product += a(i, k) * x[i];
+    sum += product * x[k];
+  }
+  return sum;
+}
+
+}  // namespace
 
 Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
     : m_(std::move(mechanism)), n_(m_->size()) {
-  const std::size_t n = at(n_);
+  const std::size_t n = as_index(n_);
   links_.resize(m_->links.size());
   applied_.resize(m_->links.size());
   load_.resize(m_->links.size());
@@ -23,7 +37,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (const Contact& contact : m_->contacts) {
     auto& chain = carriers_.emplace_back();
     for (const int side : {contact.a.link, contact.b.link}) {
-      for (int i = side; i > 0; i = m_->links[at(i)].parent) chain.push_back(i);
+      for (int i = side; i > 0; i = m_->links[as_index(i)].parent) chain.push_back(i);
     }
     std::sort(chain.begin(), chain.end());
     chain.erase(std::unique(chain.begin(), chain.end()), chain.end());
@@ -31,7 +45,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   motion_of_.assign(m_->links.size() * n, -1);
   for (std::size_t i = 0; i < m_->links.size(); ++i) {
     for (const int motion : m_->links[i].path) {
-      motion_of_[i * n + at(m_->motions[at(motion)].coordinate)] = motion;
+      motion_of_[i * n + as_index(m_->motions[as_index(motion)].coordinate)] = motion;
     }
   }
   translation_.assign(m_->motions.size(), {});
@@ -41,26 +55,27 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   }
   largest_.assign(m_->contacts.size(), 0.0);
   turns_.resize(m_->contacts.size());
-  law_.assign(at(m_->total_law_states), 0.0);
+  law_.assign(as_index(m_->total_law_states), 0.0);
   law_rate_ = law_;
   law_states_.resize(m_->contacts.size());
   loaded_.assign(m_->contacts.size(), char{0});
   cycles_.resize(m_->contacts.size());
   for (int k = 0; k < n_; ++k) {
-    if (m_->joint_friction[at(k)].acts()) turning_.push_back(k);
+    if (m_->joint_friction[as_index(k)].acts()) turning_.push_back(k);
   }
   resistance_.resize(turning_.size());
   for (const Contact& contact : m_->contacts) {
     idle_.push_back(contact.law.still_when_open() || !contact.enabled ? 1 : 0);
   }
-  phi_.assign(at(m_->total_shapes), 0.0);
-  dphi_.assign(at(m_->total_shapes), 0.0);
+  phi_.assign(as_index(m_->total_shapes), 0.0);
+  dphi_.assign(as_index(m_->total_shapes), 0.0);
   shaped_at_.assign(m_->string_contacts.size(), std::numeric_limits<double>::quiet_NaN());
   strap_pull_.assign(m_->straps.size(), 0.0);
   strap_slope_.assign(m_->straps.size(), 0.0);
   q_.assign(n, 0.0);
   v_.assign(n, 0.0);
   force_.setZero(n_);
+  joint_friction_.setZero(n_);
   acceleration_.setZero(n_);
   mass_.setZero(n_, n_);
   factor_.setZero(n_, n_);
@@ -80,7 +95,7 @@ Dynamics::Dynamics(std::shared_ptr<const Mechanism> mechanism)
   for (auto* vector : {&own_column_, &first_, &second_}) vector->assign(n, {});
   along_.assign(n, 0.0);
   for (int k = 0; k < n_; ++k) {
-    for (int i = k; i >= 0; i = m_->coordinate_parent[at(i)]) filled_.push_back(k + i * n_);
+    for (int i = k; i >= 0; i = m_->coordinate_parent[as_index(i)]) filled_.push_back(k + i * n_);
   }
   inverse_.assign(n, 1.0);
   for (const FlexibleBeam& beam : m_->beams) {
@@ -176,7 +191,7 @@ const ContactState& Dynamics::press(std::size_t i, const Dynamics& at_place,
                                     const MechanicalState& state, const Drive& drive) {
   const Contact& contact = m_->contacts[i];
   for (const int link : {contact.a.link, contact.b.link}) {
-    links_[at(link)] = at_place.links_[at(link)];
+    links_[as_index(link)] = at_place.links_[as_index(link)];
   }
   std::copy_n(at_place.law_.begin() + contact.first_state, contact.law.n_states(),
               law_.begin() + contact.first_state);
@@ -188,20 +203,20 @@ const ContactState& Dynamics::press(std::size_t i, const Dynamics& at_place,
 }
 
 void Dynamics::add_wrench(int link, Vec2 force, double moment, Eigen::VectorXd& out) const {
-  for (const int motion : m_->links[at(link)].path) {
-    const Twist& w = twist_[at(motion)];
+  for (const int motion : m_->links[as_index(link)].path) {
+    const Twist& w = twist_[as_index(motion)];
     out[w.coordinate] += dot(w.base, force) + w.rho * moment;
   }
 }
 
 std::string Dynamics::beyond_string() const {
   for (const StringContact& touch : m_->string_contacts) {
-    const ContactState& state = contacts_[at(touch.contact)];
+    const ContactState& state = contacts_[as_index(touch.contact)];
     const AttachedString& s = m_->string_of(touch);
     const double length = s.string.parameters().length;
     const double y = state.strike_position;
     if (!state.closed || (y >= 0.0 && y <= length)) continue;
-    const Contact& contact = m_->contacts[at(touch.contact)];
+    const Contact& contact = m_->contacts[as_index(touch.contact)];
     return format(
         "%s%s%s touches string \"%s\" at y = %.6g m, expected between its ends, 0 to %.6g m; look "
         "at "
@@ -252,7 +267,7 @@ void Dynamics::project(std::size_t i) {
   double* mass = mass_.data();
   const bool weightless = c.mass == 0.0 && c.second == 0.0;
   for (std::size_t x = size - link.motions.size(); x < size; ++x) {
-    const Twist& own = twist_[at(path[x])];
+    const Twist& own = twist_[as_index(path[x])];
     if (own.held != 0) continue;
     force_[own.coordinate] += dot(own.base, w.force) + own.rho * w.moment;
     if (weightless) continue;
@@ -261,13 +276,13 @@ void Dynamics::project(std::size_t i) {
     const double l = cross(c.first, own.base) + own.rho * c.second;
     double* row = mass + own.coordinate;
     for (std::size_t y = 0; y <= x; ++y) {
-      const Twist& other = twist_[at(path[y])];
+      const Twist& other = twist_[as_index(path[y])];
       if (other.held == 0) row[other.coordinate * n_] += dot(other.base, p) + other.rho * l;
     }
   }
-  load_[at(link.parent)].force += w.force;
-  load_[at(link.parent)].moment += w.moment;
-  Inertia& up = carried_[at(link.parent)];
+  load_[as_index(link.parent)].force += w.force;
+  load_[as_index(link.parent)].moment += w.moment;
+  Inertia& up = carried_[as_index(link.parent)];
   up.mass += c.mass;
   up.first += c.first;
   up.second += c.second;
@@ -276,8 +291,8 @@ void Dynamics::project(std::size_t i) {
 void Dynamics::add_beam(std::size_t index) {
   const FlexibleBeam& beam = m_->beams[index];
   const ShapePair* pair = shape_pairs_[index].data();
-  const LinkState& base = links_[at(beam.base.link)];
-  const auto& path = m_->links[at(beam.base.link)].path;
+  const LinkState& base = links_[as_index(beam.base.link)];
+  const auto& path = m_->links[as_index(beam.base.link)].path;
   const Rotation frame = beam.base.angle != 0.0 ? base.rotation * beam_turn_[index] : base.rotation;
   const Vec2 arm = base.rotation * beam.base.offset;
   const Vec2 origin = base.origin + arm;
@@ -292,10 +307,10 @@ void Dynamics::add_beam(std::size_t index) {
   double second = beam.second_moment;
   double stretch = 0.0;  // integral of d . dd/dt
   for (int k = 0; k < beam.count; ++k) {
-    first += e[k] * beam.shape_moment[at(k)];
-    first_rate += rate[k] * beam.shape_moment[at(k)];
-    double product = beam.radial[at(k)];
-    double turned = beam.transverse[at(k)];
+    first += e[k] * beam.shape_moment[as_index(k)];
+    first_rate += rate[k] * beam.shape_moment[as_index(k)];
+    double product = beam.radial[as_index(k)];
+    double turned = beam.transverse[as_index(k)];
     double turned_rate = 0.0;
     double elastic = 0.0;
     for (int l = 0; l < beam.count; ++l, ++pair) {
@@ -304,31 +319,31 @@ void Dynamics::add_beam(std::size_t index) {
       turned_rate += pair->cross * rate[l];
       elastic += pair->stiffness * (e[l] + beam.damping_time * rate[l]);
     }
-    second += e[k] * (product + beam.radial[at(k)]);
+    second += e[k] * (product + beam.radial[as_index(k)]);
     stretch += product * rate[k];
-    if (held_[at(beam.first + k)] != 0) continue;
-    const Vec2 moment = frame * beam.shape_moment[at(k)];
+    if (held_[as_index(beam.first + k)] != 0) continue;
+    const Vec2 moment = frame * beam.shape_moment[as_index(k)];
     const int row = beam.first + k;
     force_[row] +=
         dot(moment, m_->gravity - bias) + omega2 * product - 2.0 * omega * turned_rate - elastic;
     double* mass = mass_.data() + row;
     for (const int motion : path) {
-      const Twist& w = twist_[at(motion)];
+      const Twist& w = twist_[as_index(motion)];
       if (w.held != 0) continue;
       mass[w.coordinate * n_] += dot(moment, w.base + w.rho * perp(origin)) + w.rho * turned;
     }
     const ShapePair* own = pair - beam.count;
     for (int l = 0; l <= k; ++l) {
-      if (held_[at(beam.first + l)] == 0) mass[(beam.first + l) * n_] += own[l].product;
+      if (held_[as_index(beam.first + l)] == 0) mass[(beam.first + l) * n_] += own[l].product;
     }
   }
   const Vec2 first_world = frame * first;
-  Wrench& w = load_[at(beam.base.link)];
+  Wrench& w = load_[as_index(beam.base.link)];
   const Vec2 force = beam.mass * (m_->gravity - bias) + omega2 * first_world -
                      (2.0 * omega) * perp(frame * first_rate);
   w.force += force;
   w.moment += cross(origin, force) + cross(first_world, m_->gravity - bias) - 2.0 * omega * stretch;
-  Inertia& carried = carried_[at(beam.base.link)];
+  Inertia& carried = carried_[as_index(beam.base.link)];
   carried.mass += beam.mass;
   carried.first += first_world + beam.mass * origin;
   carried.second += second + 2.0 * dot(first_world, origin) + beam.mass * dot(origin, origin);
@@ -336,15 +351,17 @@ void Dynamics::add_beam(std::size_t index) {
 
 /// Starts the generalized forces with the resistance of the joints, as joint_friction has it.
 void Dynamics::resist_joints() {
-  force_.setZero();
+  joint_friction_.setZero();
   for (std::size_t i = 0; i < turning_.size(); ++i) {
     const int k = turning_[i];
-    resistance_[i] = feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]);
-    force_[k] = -resistance_[i].value;
+    resistance_[i] = feltmb::evaluate(m_->joint_friction[as_index(k)], v_[as_index(k)]);
+    joint_friction_[k] = resistance_[i].value;
   }
   for (const Dashpot& d : m_->dashpots) {
-    force_[d.coordinate] -= d.against(v_[at(d.coordinate)]).value;
+    joint_friction_[d.coordinate] += d.against(v_[as_index(d.coordinate)]).value;
   }
+  force_.setZero();
+  force_ -= joint_friction_;
 }
 
 void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail detail) {
@@ -357,6 +374,8 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
     apply(m_->finger_point.link, position(m_->finger_point), drive.force * m_->finger_direction);
   }
 
+  const bool condensed_too = detail == Detail::kAllContacts && !condensed_.empty();
+  if (condensed_too) hold_condensed(false);
   for (const int place : filled_) mass_.data()[place] = 0.0;
   resist_joints();
   load_[0] = applied_[0];
@@ -388,16 +407,21 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
     project(i);
   }
   for (const auto& spring : m_->springs) {
-    const double x = q_[at(spring.coordinate)] - spring.rest_angle;
+    const double x = q_[as_index(spring.coordinate)] - spring.rest_angle;
     force_[spring.coordinate] -= spring.stiffness * x + spring.play.at(x).force;
   }
   for (int k = 0; k < n_; ++k) {
-    for (int j = m_->coordinate_parent[at(k)]; j >= 0; j = m_->coordinate_parent[at(j)]) {
+    for (int j = m_->coordinate_parent[as_index(k)]; j >= 0;
+         j = m_->coordinate_parent[as_index(j)]) {
       mass_(j, k) = mass_(k, j);
     }
   }
   if (drive.kind == InputKind::kTorque) force_[drive.coordinate] += drive.force;
-  if (!condensed_.empty()) hold_condensed();
+  if (condensed_too) take_out_condensed();
+  for (const int k : condensed_) {
+    mass_(k, k) = 1.0;
+    force_[k] = 0.0;
+  }
   factor_mass();
   acceleration_ = force_;
   solve_mass(acceleration_);
@@ -407,59 +431,53 @@ void Dynamics::evaluate(const MechanicalState& state, const Drive& drive, Detail
 
 void Dynamics::condense_axial() {
   condensed_.clear();
-  std::fill(held_.begin(), held_.end(), char{0});
+  axial_stiffness_.clear();
   for (const FlexibleBeam& beam : m_->beams) {
-    if (!beam.condense_axial) continue;
-    for (int k = 0; k < beam.shapes.axial(); ++k) {
-      condensed_.push_back(beam.first + k);
-      held_[at(beam.first + k)] = 1;
-    }
+    const int axial = beam.condense_axial ? beam.shapes.axial() : 0;
+    for (int k = 0; k < axial; ++k) condensed_.push_back(beam.first + k);
+    axial_stiffness_.emplace_back(beam.stiffness.topLeftCorner(axial, axial));
   }
-  for (Twist& twist : twist_) twist.held = held_[at(twist.coordinate)];
+  condensed_mass_.setZero(static_cast<Eigen::Index>(condensed_.size()), n_);
+  condensed_force_.setZero(condensed_mass_.rows());
+  hold_condensed(true);
 }
 
-void Dynamics::hold_condensed() {
+/// Whether the condensed coordinates are left out of the equations.
+void Dynamics::hold_condensed(bool hold) {
+  for (const int k : condensed_) held_[as_index(k)] = hold ? 1 : 0;
+  for (Twist& twist : twist_) twist.held = held_[as_index(twist.coordinate)];
+}
+
+/// Their equations, which were assembled with the others, are kept apart.
+void Dynamics::take_out_condensed() {
+  hold_condensed(true);
+  for (std::size_t i = 0; i < condensed_.size(); ++i) {
+    const int k = condensed_[i];
+    const auto row = static_cast<Eigen::Index>(i);
+    condensed_mass_.row(row) = mass_.row(k);
+    condensed_force_[row] = force_[k];
+  }
   for (const int k : condensed_) {
-    mass_(k, k) = 1.0;
-    force_[k] = 0.0;
+    mass_.row(k).setZero();
+    mass_.col(k).setZero();
   }
 }
 
-void Dynamics::add_condensed_deflection(std::span<double> q) {
-  if (condensed_.empty()) return;
-  complete_links();
-  for (const FlexibleBeam& beam : m_->beams) {
-    const int axial = beam.shapes.axial();
-    if (!beam.condense_axial || axial == 0) continue;
-    // Applied minus inertial force along each held coordinate, of all links that it moves.
-    Eigen::VectorXd f = Eigen::VectorXd::Zero(axial);
-    for (std::size_t i = 1; i < links_.size(); ++i) {
-      const Link& link = m_->links[i];
-      for (int k = 0; k < axial; ++k) {
-        const int motion = motion_of(beam.first + k, static_cast<int>(i));
-        if (motion < 0) continue;
-        const LinkState& state = links_[i];
-        const Vec2 arm = state.rotation * link.center_of_mass;
-        const Vec2 relative = state.acceleration - state.bias + state.alpha * perp(arm);
-        f[k] += dot(translation_[at(motion)], applied_[i].force - link.mass * relative);
-      }
-    }
-    const Eigen::Map<const Eigen::VectorXd> held(q_.data() + beam.first, beam.count);
-    f -= (beam.stiffness * held).head(axial);
-    const Eigen::VectorXd u = beam.stiffness.topLeftCorner(axial, axial).ldlt().solve(f);
-    for (int k = 0; k < axial; ++k) q[at(beam.first + k)] += u[k];
+void Dynamics::add_condensed_deflection(std::span<double> q) const {
+  Eigen::Index row = 0;
+  for (std::size_t b = 0; b < axial_stiffness_.size(); ++b) {
+    const Eigen::Index axial = axial_stiffness_[b].rows();
+    if (axial == 0) continue;
+    const Eigen::VectorXd u =
+        axial_stiffness_[b].solve(condensed_force_.segment(row, axial) -
+                                  condensed_mass_.middleRows(row, axial) * acceleration_);
+    for (Eigen::Index k = 0; k < axial; ++k)
+      q[as_index(m_->beams[b].first + static_cast<int>(k))] += u[k];
+    row += axial;
   }
 }
 
-double Dynamics::joint_friction(int k) const {
-  double value = feltmb::evaluate(m_->joint_friction[at(k)], v_[at(k)]).value;
-  for (const Dashpot& d : m_->dashpots) {
-    if (d.coordinate == k) value += d.against(v_[at(k)]).value;
-  }
-  return value;
-}
-
-double Dynamics::strap_force(int strap) const { return strap_pull_[at(strap)]; }
+double Dynamics::strap_force(int strap) const { return strap_pull_[as_index(strap)]; }
 
 void Dynamics::factor_mass() {
   // L^T D L with the sparsity of the tree (R. Featherstone, Rigid Body Dynamics Algorithms, ch. 6).
@@ -468,7 +486,7 @@ void Dynamics::factor_mass() {
   for (const int place : filled_) factor[place] = mass_.data()[place];
   for (int k = n_ - 1; k >= 0; --k) {
     const double inverse = 1.0 / factor[k + k * n_];
-    inverse_[at(k)] = inverse;
+    inverse_[as_index(k)] = inverse;
     for (int i = parent[k]; i >= 0; i = parent[i]) {
       const double a = factor[k + i * n_] * inverse;
       for (int j = i; j >= 0; j = parent[j]) factor[i + j * n_] -= a * factor[k + j * n_];
@@ -486,39 +504,48 @@ void Dynamics::solve_mass(Eigen::VectorXd& b) const {
     for (int i = parent[k]; i >= 0; i = parent[i]) x[i] -= factor[k + i * n_] * own;
   }
   for (int k = 0; k < n_; ++k) {
-    double own = x[k] * inverse_[at(k)];
+    double own = x[k] * inverse_[as_index(k)];
     for (int i = parent[k]; i >= 0; i = parent[i]) own -= factor[k + i * n_] * x[i];
     x[k] = own;
   }
 }
 
 double Dynamics::string_force(int string_contact) const {
-  const ContactState& state = contacts_[at(m_->string_contacts[at(string_contact)].contact)];
+  const ContactState& state =
+      contacts_[as_index(m_->string_contacts[as_index(string_contact)].contact)];
   return state.closed ? state.law.force : 0.0;
 }
 
 std::span<const double> Dynamics::phi(int string_contact) const {
-  const StringContact& c = m_->string_contacts[at(string_contact)];
-  return {phi_.data() + c.shape, at(m_->string_of(c).string.modes())};
+  const StringContact& c = m_->string_contacts[as_index(string_contact)];
+  return {phi_.data() + c.shape, as_index(m_->string_of(c).string.modes())};
 }
 
 std::span<const double> Dynamics::dphi(int string_contact) const {
-  const StringContact& c = m_->string_contacts[at(string_contact)];
-  return {dphi_.data() + c.shape, at(m_->string_of(c).string.modes())};
+  const StringContact& c = m_->string_contacts[as_index(string_contact)];
+  return {dphi_.data() + c.shape, as_index(m_->string_of(c).string.modes())};
 }
 
 double Dynamics::kinetic_energy(std::span<const double> v) const {
-  const Eigen::Map<const Eigen::VectorXd> velocity(v.data(), n_);
-  return 0.5 * velocity.dot(mass_ * velocity);
+  double energy = 0.0;
+  for (int k = 0; k < n_; ++k) {
+    double momentum = 0.5 * mass_(k, k) * v[as_index(k)];
+    for (int i = m_->coordinate_parent[as_index(k)]; i >= 0;
+         i = m_->coordinate_parent[as_index(i)]) {
+      momentum += mass_(k, i) * v[as_index(i)];
+    }
+    energy += momentum * v[as_index(k)];
+  }
+  return energy;
 }
 
 double Dynamics::gravity_energy() const {
   double energy = 0.0;
   for (const FlexibleBeam& beam : m_->beams) {
-    const LinkState& base = links_[at(beam.base.link)];
+    const LinkState& base = links_[as_index(beam.base.link)];
     Vec2 first{beam.first_moment, 0.0};
     for (int k = 0; k < beam.count; ++k) {
-      first += q_[at(beam.first + k)] * beam.shape_moment[at(k)];
+      first += q_[as_index(beam.first + k)] * beam.shape_moment[as_index(k)];
     }
     const Vec2 offset = Rotation::of(beam.base.angle) * first;
     energy -= dot(m_->gravity, beam.mass * (base.origin + base.rotation * beam.base.offset) +
@@ -535,26 +562,24 @@ double Dynamics::gravity_energy() const {
 double Dynamics::spring_energy(std::span<const double> q) const {
   double energy = 0.0;
   for (const auto& s : m_->springs) {
-    const double angle = q[at(s.coordinate)] - s.rest_angle;
+    const double angle = q[as_index(s.coordinate)] - s.rest_angle;
     energy += 0.5 * s.stiffness * angle * angle + s.play.at(angle).energy;
   }
   return energy;
 }
 
 double Dynamics::beam_energy(int index, std::span<const double> q) const {
-  const FlexibleBeam& beam = m_->beams[at(index)];
-  const Eigen::Map<const Eigen::VectorXd> e(q.data() + beam.first, beam.count);
-  return 0.5 * e.dot(beam.stiffness * e);
+  const FlexibleBeam& beam = m_->beams[as_index(index)];
+  return half_quadratic(beam.stiffness, q.data() + beam.first);
 }
 
 double Dynamics::beam_damping_power(int index) const {
-  const FlexibleBeam& beam = m_->beams[at(index)];
-  const Eigen::Map<const Eigen::VectorXd> rate(v_.data() + beam.first, beam.count);
-  return beam.damping_time * rate.dot(beam.stiffness * rate);
+  const FlexibleBeam& beam = m_->beams[as_index(index)];
+  return 2.0 * beam.damping_time * half_quadratic(beam.stiffness, v_.data() + beam.first);
 }
 
 double Dynamics::strap_energy(int index) const {
-  const Strap& strap = m_->straps[at(index)];
+  const Strap& strap = m_->straps[as_index(index)];
   const double e = norm(position(strap.b) - position(strap.a)) - strap.free_length;
   if (e <= strap.slack || e <= 0.0) return 0.0;
   const auto primitive = [&k = strap.coefficients](double x) {

@@ -9,22 +9,22 @@ namespace feltmb {
 double Dynamics::turn(std::size_t i) const {
   const Link& link = m_->links[i];
   if (link.kind == LinkKind::kRevolute) {
-    return link.angle + q_[at(twist_[at(link.motions[0])].coordinate)];
+    return link.angle + q_[as_index(twist_[as_index(link.motions[0])].coordinate)];
   }
   double turn = 0.0;
   for (const int index : link.motions)
-    turn += twist_[at(index)].rho * q_[at(twist_[at(index)].coordinate)];
+    turn += twist_[as_index(index)].rho * q_[as_index(twist_[as_index(index)].coordinate)];
   return turn;
 }
 
 void Dynamics::move_link(std::size_t i, Rotation own) {
   const Link& link = m_->links[i];
-  const LinkState& parent = links_[at(link.parent)];
+  const LinkState& parent = links_[as_index(link.parent)];
   LinkState& state = links_[i];
   if (link.kind == LinkKind::kRevolute) {
-    const std::size_t index = at(link.motions[0]);
+    const std::size_t index = as_index(link.motions[0]);
     Twist& twist = twist_[index];
-    const std::size_t k = at(twist.coordinate);
+    const std::size_t k = as_index(twist.coordinate);
     const Vec2 arm = parent.rotation * link.position;
     state.origin = parent.origin + arm;
     state.rotation = parent.rotation * own;
@@ -41,12 +41,12 @@ void Dynamics::move_link(std::size_t i, Rotation own) {
   double turn_rate = 0.0;
   Vec2 relative_velocity{};
   for (const int index : link.motions) {
-    const Motion& motion = m_->motions[at(index)];
-    const std::size_t k = at(motion.coordinate);
+    const Motion& motion = m_->motions[as_index(index)];
+    const std::size_t k = as_index(motion.coordinate);
     turn_rate += motion.rho * v_[k];
     const Vec2 t = frame * motion.translation;
-    translation_[at(index)] = t;
-    translation_rate_[at(index)] = parent.omega * perp(t);
+    translation_[as_index(index)] = t;
+    translation_rate_[as_index(index)] = parent.omega * perp(t);
     arm += q_[k] * t;
     relative_velocity += v_[k] * t;
   }
@@ -57,8 +57,8 @@ void Dynamics::move_link(std::size_t i, Rotation own) {
   state.bias = parent.bias - (parent.omega * parent.omega) * arm +
                (2.0 * parent.omega) * perp(relative_velocity);
   for (const int index : link.motions) {
-    Twist& twist = twist_[at(index)];
-    twist.base = translation_[at(index)] - twist.rho * perp(state.origin);
+    Twist& twist = twist_[as_index(index)];
+    twist.base = translation_[as_index(index)] - twist.rho * perp(state.origin);
   }
 }
 
@@ -78,8 +78,8 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
                               Detail detail) {
   const Contact& contact = m_->contacts[i];
   ContactState& state = contacts_[i];
-  const LinkState& a = links_[at(contact.a.link)];
-  const LinkState& b = links_[at(contact.b.link)];
+  const LinkState& a = links_[as_index(contact.a.link)];
+  const LinkState& b = links_[as_index(contact.b.link)];
   const bool grounded = contact.a.link == 0;
   const Vec2 center = b.origin + b.rotation * contact.b.local;
   const Vec2 base = grounded ? contact.a.local : a.origin + a.rotation * contact.a.local;
@@ -189,13 +189,15 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   const bool active = contact.finger ? drive.kind == InputKind::kMotion : contact.enabled;
   double extra_rate = 0.0;
   if (contact.string_contact >= 0) {
-    const AttachedString& attached = m_->string_of(m_->string_contacts[at(contact.string_contact)]);
+    const AttachedString& attached =
+        m_->string_of(m_->string_contacts[as_index(contact.string_contact)]);
     if (strings_apart_) {
       state.compression = compression;
       state.closed = false;
       return;
     }
-    const auto own = at_state.eta.subspan(at(attached.offset), at(attached.string.modes()));
+    const auto own =
+        at_state.eta.subspan(as_index(attached.offset), as_index(attached.string.modes()));
     // No string reaches further than the sum of its modes: far from it the shapes are not needed.
     if (detail == Detail::kClosedContacts &&
         compression + attached.string.largest_displacement(own) <= 0.0) {
@@ -226,17 +228,17 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
 
 void Dynamics::locate_string(const Contact& contact, ContactState& state, Vec2 d,
                              const MechanicalState& at_state) {
-  const StringContact& touch = m_->string_contacts[at(contact.string_contact)];
+  const StringContact& touch = m_->string_contacts[as_index(contact.string_contact)];
   const AttachedString& attached = m_->string_of(touch);
-  const LinkState& b = links_[at(contact.b.link)];
+  const LinkState& b = links_[as_index(contact.b.link)];
   const Vec2 along = touch.sense * perp(state.normal);
-  const std::size_t offset = at(attached.offset);
-  const std::size_t modes = at(attached.string.modes());
+  const std::size_t offset = as_index(attached.offset);
+  const std::size_t modes = as_index(attached.string.modes());
   state.strike_gradient = touch.moving ? along : Vec2{};
   state.strike_position = touch.moving ? touch.anchor + dot(along, d) : touch.position;
   const std::span<double> phi{phi_.data() + touch.shape, modes};
   const std::span<double> dphi{dphi_.data() + touch.shape, modes};
-  double& shaped = shaped_at_[at(contact.string_contact)];
+  double& shaped = shaped_at_[as_index(contact.string_contact)];
   if (state.strike_position != shaped) {
     attached.string.shapes(state.strike_position, phi, dphi);
     if (touch.side < 0.0) {
@@ -258,7 +260,7 @@ void Dynamics::locate_only(const MechanicalState& state, const Drive& drive,
   std::copy(state.law.begin(), state.law.end(), law_.begin());
   for (const std::size_t i : contacts) {
     if (m_->contacts[i].finger && drive.kind != InputKind::kMotion) continue;
-    for (const int link : carriers_[i]) move_link(at(link));
+    for (const int link : carriers_[i]) move_link(as_index(link));
     locate_contact(i, state, drive, Detail::kAllContacts);
   }
 }

@@ -41,16 +41,16 @@ void Dynamics::prescribe(const Drive& drive) {
   p.row.setZero();
   if (drive.coordinate >= 0) {
     p.row[drive.coordinate] = 1.0;
-    error += q_[at(drive.coordinate)];
-    speed_error += v_[at(drive.coordinate)];
+    error += q_[as_index(drive.coordinate)];
+    speed_error += v_[as_index(drive.coordinate)];
   } else {
     const int link = m_->finger_point.link;
     const Vec2 direction = m_->finger_direction;
     const Vec2 point = position(m_->finger_point);
-    for (const int motion : m_->links[at(link)].path) {
-      p.row[m_->motions[at(motion)].coordinate] = dot(direction, column(motion, point));
+    for (const int motion : m_->links[as_index(link)].path) {
+      p.row[m_->motions[as_index(motion)].coordinate] = dot(direction, column(motion, point));
     }
-    const LinkState& state = links_[at(link)];
+    const LinkState& state = links_[as_index(link)];
     error += dot(direction, point);
     speed_error += dot(direction, velocity(m_->finger_point));
     bias = dot(direction, state.bias - (state.omega * state.omega) * (point - state.origin));
@@ -81,19 +81,19 @@ void Dynamics::differentiate_prescription() {
     return;
   }
   const int link = m_->finger_point.link;
-  const LinkState& state = links_[at(link)];
+  const LinkState& state = links_[as_index(link)];
   const Vec2 direction = m_->finger_direction;
   const Vec2 point = position(m_->finger_point);
   const Vec2 arm = point - state.origin;
   const Vec2 speed = velocity(m_->finger_point);
   const Vec2 acceleration =
       state.acceleration + state.alpha * perp(arm) - (state.omega * state.omega) * arm;
-  for (const int motion : m_->links[at(link)].path) {
-    const Motion& m = m_->motions[at(motion)];
-    const LinkState& base = links_[at(m_->links[at(m.link)].parent)];
-    const Vec2 t = translation_[at(motion)];
+  for (const int motion : m_->links[as_index(link)].path) {
+    const Motion& m = m_->motions[as_index(motion)];
+    const LinkState& base = links_[as_index(m_->links[as_index(m.link)].parent)];
+    const Vec2 t = translation_[as_index(motion)];
     const Vec2 second = base.alpha * perp(t) - (base.omega * base.omega) * t +
-                        m.rho * perp(acceleration - links_[at(m.link)].acceleration);
+                        m.rho * perp(acceleration - links_[as_index(m.link)].acceleration);
     const double first = dot(direction, column_rate(motion, speed));
     const double own = dot(direction, column(motion, point));
     p.by_position[m.coordinate] = dot(direction, second) + 2.0 * c * first + c * c * own;

@@ -165,7 +165,7 @@ void sum_modes(const std::vector<Perturbed>& nodes, Changes& out) {
   }
 }
 
-bool same_input(const Input& a, const Input& b) {
+bool same_input(const InputSignal& a, const InputSignal& b) {
   return a.profile == b.profile && a.kind == b.kind && a.origin == b.origin;
 }
 
@@ -177,7 +177,7 @@ bool Changes::only_contacts() const {
          straps.empty();
 }
 
-Changes find_changes(const Mechanism& mechanism, const Input& input,
+Changes find_changes(const Mechanism& mechanism, const InputSignal& input,
                      const std::vector<Perturbed>& nodes) {
   Changes out;
   for (const Perturbed& p : nodes) {

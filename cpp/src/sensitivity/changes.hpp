@@ -50,7 +50,7 @@ struct Changes {
 };
 
 /// Compares; `nodes` have the states of the mechanism.
-Changes find_changes(const Mechanism& mechanism, const Input& input,
+Changes find_changes(const Mechanism& mechanism, const InputSignal& input,
                      const std::vector<Perturbed>& nodes);
 
 }  // namespace feltmb::detail

@@ -39,16 +39,16 @@ Looks::Looks(Trajectory& trajectory, ShiftedModels& models, const Channels& chan
 void Looks::evaluate(const Sought& s, MechanismSystem& system, double t, std::span<const double> y,
                      std::span<double> out) {
   if (s.contact < 0) {
-    if (channels_.rows()[at(s.look.output)].place) {
+    if (channels_.rows()[as_index(s.look.output)].place) {
       channels_.observe_places(system, y, scratch_);
     } else {
       channels_.observe(system, t, y, scratch_);
     }
-    out[0] = scratch_[at(s.look.output)];
+    out[0] = scratch_[as_index(s.look.output)];
     return;
   }
   system.locate(t, y, Detail::kAllContacts);
-  const auto contact = at(s.contact);
+  const auto contact = as_index(s.contact);
   const ContactState& state = system.dynamics().contacts()[contact];
   out[0] = system.mechanism()
                .contacts[contact]
@@ -89,7 +89,7 @@ void Looks::add_side(Sought& s, double t) {
   s.sides.push_back(std::move(side));
 }
 
-void Looks::add(const SensitivityLook& look, int contact) {
+void Looks::add(const SensitivityRequest& look, int contact) {
   Sought s;
   s.look = look;
   s.contact = contact;
@@ -243,12 +243,12 @@ void Looks::take(double t, const Columns& columns, const Eigen::VectorXd& shift,
   }
 }
 
-std::vector<SensitivityLooked> Looks::finish() {
-  std::vector<SensitivityLooked> out;
+std::vector<SensitivityValue> Looks::finish() {
+  std::vector<SensitivityValue> out;
   const auto count = static_cast<Eigen::Index>(models_.columns());
   const Eigen::VectorXd unknown = Eigen::VectorXd::Constant(count, std::nan(""));
   for (Sought& s : sought_) {
-    SensitivityLooked& o = s.out;
+    SensitivityValue& o = s.out;
     const bool together = s.sides.size() == 2 && s.sides[0].version == s.sides[1].version;
     Eigen::VectorXd shift = Eigen::VectorXd::Zero(count);
     for (Side& side : s.sides) {

@@ -24,7 +24,7 @@ class Looks {
 
   /// Adds a look; its times are those of the trajectory.
   /// @param contact  whose force is meant in place of an output, or -1
-  void add(const SensitivityLook& look, int contact = -1);
+  void add(const SensitivityRequest& look, int contact = -1);
 
   /// Times at which take() must be called, in order.
   std::vector<double> times() const;
@@ -33,7 +33,7 @@ class Looks {
   /// see Variational::follow; `version` counts its changes.
   void take(double t, const Columns& columns, const Eigen::VectorXd& shift, long version);
 
-  std::vector<SensitivityLooked> finish();
+  std::vector<SensitivityValue> finish();
 
  private:
   /// Smooth stretch of the motion between two switches.
@@ -53,9 +53,9 @@ class Looks {
     double jump = 0.0;                 ///< of the output there
   };
   struct Sought {
-    SensitivityLook look;
+    SensitivityRequest look;
     int contact = -1;
-    SensitivityLooked out;
+    SensitivityValue out;
     std::vector<Side> sides;
   };
 

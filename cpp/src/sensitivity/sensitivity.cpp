@@ -57,7 +57,7 @@ void check(const std::vector<SensitivitySegment>& segments, const SensitivityOpt
 class SegmentRun {
  public:
   SegmentRun(ShiftedModels& models, const std::shared_ptr<const Mechanism>& mechanism,
-             const Input& input, const SensitivityOptions& options,
+             const InputSignal& input, const SensitivityOptions& options,
              const SensitivitySegment& segment, const Progress& progress)
       : models_(models),
         mechanism_(mechanism),
@@ -157,7 +157,7 @@ class SegmentRun {
     const auto now = Clock::now();
     if (!progress_ || now - reported_ < std::chrono::milliseconds(100)) return;
     reported_ = now;
-    if (!progress_(t)) throw Error("sensitivities: stopped");
+    if (!progress_(t)) throw Error("sensitivities: stopped", ErrorCode::kInterrupted);
   }
 
   void simulate_stroke(Trajectory& trajectory, const SimulationState& start) {
@@ -183,8 +183,8 @@ class SegmentRun {
       looks_->add({-1, 0.0, duration, 1}, peak.contact);
     }
     if (!options_.looks) return;
-    for (const SensitivityLook& look : options_.looks(result_.run)) {
-      if (look.output < 0 || at(look.output) >= channels_.size()) {
+    for (const SensitivityRequest& look : options_.looks(result_.run)) {
+      if (look.output < 0 || as_index(look.output) >= channels_.size()) {
         throw InvalidParameter(format("looks: there is no output %d", look.output));
       }
       looks_->add(look);
@@ -204,10 +204,10 @@ class SegmentRun {
     std::set_union(times.begin(), times.end(), look_times_.begin(), look_times_.end(),
                    std::back_inserter(marks_));
     for (const int output : options_.outputs) {
-      if (output < 0 || at(output) >= channels_.size()) {
+      if (output < 0 || as_index(output) >= channels_.size()) {
         throw InvalidParameter(format("outputs: there is no output %d", output));
       }
-      places_only_ = places_only_ && channels_.rows()[at(output)].place;
+      places_only_ = places_only_ && channels_.rows()[as_index(output)].place;
       // Order of Channels.
       const int states = 2 * mechanism_->size();
       const int beyond = output - states;
@@ -245,7 +245,7 @@ class SegmentRun {
       const auto look_all = [&](MechanismSystem& system, double time, std::span<const double> y,
                                 std::span<double> out, int, std::size_t) {
         look(system, time, y);
-        for (std::size_t i = 0; i < outputs; ++i) out[i] = scratch_[at(options_.outputs[i])];
+        for (std::size_t i = 0; i < outputs; ++i) out[i] = scratch_[as_index(options_.outputs[i])];
       };
       if (positions_only_) {
         models_.places(y_, columns.state, positions_, derivative_);
@@ -256,7 +256,7 @@ class SegmentRun {
       const std::size_t count = models_.columns();
       double* out = result_.gradient.data() + static_cast<std::size_t>(row_) * outputs * count;
       for (std::size_t i = 0; i < outputs; ++i) {
-        result_.values(row_, index(i)) = scratch_[at(options_.outputs[i])];
+        result_.values(row_, index(i)) = scratch_[as_index(options_.outputs[i])];
         for (std::size_t j = 0; j < count; ++j) *out++ = derivative_(index(i), index(j));
       }
     }
@@ -287,7 +287,7 @@ class SegmentRun {
     for (std::size_t k = 0; k < n; ++k) out[i++] = y[n + k];
     for (std::size_t r = 0; r < options_.rules.size(); ++r) {
       const auto& rule = options_.rules[r];
-      const auto& point = system.mechanism().points[at(rule.point)].point;
+      const auto& point = system.mechanism().points[as_index(rule.point)].point;
       out[i++] = dot(rule.direction, system.dynamics().position(point)) -
                  models_.level(r, parameter, node);
     }
@@ -300,9 +300,9 @@ class SegmentRun {
   /// Row of `describe` that is zero at the switch.
   std::size_t row_of(const Switch& s) const {
     if (s.kind == SwitchKind::kMonitor) {
-      return 3 * mechanism_->contacts.size() + mechanism_->coordinates.size() + at(s.index);
+      return 3 * mechanism_->contacts.size() + mechanism_->coordinates.size() + as_index(s.index);
     }
-    return 3 * at(s.index) + (s.kind == SwitchKind::kBranch ? 2 : 0);
+    return 3 * as_index(s.index) + (s.kind == SwitchKind::kBranch ? 2 : 0);
   }
 
   /// Passes a switch: derivatives of its event, jumps of the columns.
@@ -316,13 +316,14 @@ class SegmentRun {
     const double end = trajectory.time(trajectory.size() - 1);
     if (s.kind == SwitchKind::kStop) {
       if (find_jump(trajectory, t, end)) {
-        models_.stop_time(at(s.index), time_derivative_);
+        models_.stop_time(as_index(s.index), time_derivative_);
         add_jump(columns);
       }
       return;
     }
     const bool event = s.kind != SwitchKind::kBranch;
-    if (!event && at(s.index) >= mechanism_->contacts.size()) return;  // a strap: never a jump
+    if (!event && as_index(s.index) >= mechanism_->contacts.size())
+      return;  // a strap: never a jump
     // A law that changes its piece where its contact closes jumps once.
     const bool jump = t - last_jump_ > 1e-11 && find_jump(trajectory, t, end);
     if (!event && !jump) return;
@@ -363,7 +364,7 @@ class SegmentRun {
   void pass_reversal(Trajectory& trajectory, const Switch& s, Columns& columns) {
     // The top of a compression: its time moves, the compression itself does not by that, nor does
     // what the virgin loading that ends there makes of the states of the law.
-    const auto contact = at(s.index);
+    const auto contact = as_index(s.index);
     const std::size_t states = mechanism_->contacts[contact].law.n_states();
     const std::size_t node = trajectory.interval(s.time - 1e-12);
     const auto memory = trajectory.memory(node);
@@ -381,7 +382,7 @@ class SegmentRun {
     models_.total(s.time, y_, memory, columns, 1 + states, felt, derivative_);
     columns.memory.row(index(contact)) = derivative_.row(0);
     const std::size_t first =
-        2 * mechanism_->coordinates.size() + at(mechanism_->contacts[contact].first_state);
+        2 * mechanism_->coordinates.size() + as_index(mechanism_->contacts[contact].first_state);
     columns.state.middleRows(index(first), index(states)) =
         derivative_.middleRows(1, index(states));
   }
@@ -451,7 +452,7 @@ class SegmentRun {
 
   ShiftedModels& models_;
   std::shared_ptr<const Mechanism> mechanism_;
-  Input input_;
+  InputSignal input_;
   const SensitivityOptions& options_;
   const SensitivitySegment& segment_;
   Progress progress_;
@@ -475,7 +476,7 @@ class SegmentRun {
 }  // namespace
 
 std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechanism>& mechanism,
-                                             const Input& input,
+                                             const InputSignal& input,
                                              const std::vector<SensitivityParameter>& parameters,
                                              const std::vector<SensitivitySegment>& segments,
                                              const SensitivityOptions& options,

@@ -6,15 +6,17 @@
 #include <exception>
 
 #include "feltmb/core/error.hpp"
+#include "feltmb/core/index.hpp"
 #include "feltmb/model/equilibrium.hpp"
 
 namespace feltmb::detail {
 
-ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+ShiftedModels::ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism,
+                             const InputSignal& input,
                              const std::vector<SensitivityParameter>& parameters,
                              const SensitivityOptions& options, bool rest)
     : mechanism_(mechanism), input_(input), options_(options) {
-  const auto make = [](const std::shared_ptr<const Mechanism>& m, const Input& i) {
+  const auto make = [](const std::shared_ptr<const Mechanism>& m, const InputSignal& i) {
     return std::make_unique<MechanismSystem>(m, i, false, std::vector<Monitor>{}, false);
   };
   // cppcheck-suppress useInitializationList  // both are made alike
@@ -112,7 +114,8 @@ void ShiftedModels::begin(double begin, std::size_t directions, std::span<const 
 }
 
 ShiftedModels::Rest ShiftedModels::find_rest(const std::shared_ptr<const Mechanism>& mechanism,
-                                             std::span<const double> near, const Input& input) {
+                                             std::span<const double> near,
+                                             const InputSignal& input) {
   const Equilibrium found = find_equilibrium(mechanism, 0.0, near);
   Rest rest;
   MechanismSystem system(mechanism, input, false, {}, false);
@@ -438,7 +441,6 @@ void ShiftedModels::add_members(std::size_t j, std::span<const double> y) {
   const auto n = static_cast<std::size_t>(base_->coordinates());
   const auto q = y.first(n);
   const auto v = y.subspan(n, n);
-  const auto at = [](int k) { return static_cast<std::size_t>(k); };
   const Changes& changes = changes_[j];
   for (const Node& node : parameters_[j]) {
     const Mechanism& m = *node.mechanism;
@@ -447,11 +449,11 @@ void ShiftedModels::add_members(std::size_t j, std::span<const double> y) {
     }
     for (const std::size_t i : changes.dashpots) {
       const Dashpot& d = m.dashpots[i];
-      one_[d.coordinate] -= node.weight * d.against(v[at(d.coordinate)]).value;
+      one_[d.coordinate] -= node.weight * d.against(v[as_index(d.coordinate)]).value;
     }
     for (const std::size_t i : changes.springs) {
       const TorsionSpring& spring = m.springs[i];
-      const double x = q[at(spring.coordinate)] - spring.rest_angle;
+      const double x = q[as_index(spring.coordinate)] - spring.rest_angle;
       one_[spring.coordinate] -= node.weight * (spring.stiffness * x + spring.play.at(x).force);
     }
   }

@@ -40,7 +40,7 @@ struct Sides {
 class ShiftedModels {
  public:
   /// @param rest  whether the rest pose and its derivatives are wanted
-  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+  ShiftedModels(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
                 const std::vector<SensitivityParameter>& parameters,
                 const SensitivityOptions& options, bool rest);
 
@@ -130,7 +130,7 @@ class ShiftedModels {
   struct Node {
     std::shared_ptr<const Mechanism> mechanism;
     std::unique_ptr<MechanismSystem> system;
-    Input input;
+    InputSignal input;
     double shift = 0.0;
     double weight = 0.0;
     std::vector<double> levels;
@@ -143,14 +143,14 @@ class ShiftedModels {
   };
   void find_rests();
   Rest find_rest(const std::shared_ptr<const Mechanism>& mechanism, std::span<const double> near,
-                 const Input& input);
+                 const InputSignal& input);
   static void remember(MechanismSystem& system, std::span<const double> memory) {
     if (memory.empty()) return;
     std::copy(memory.begin(), memory.end(), system.dynamics().largest_compression().begin());
   }
 
   std::shared_ptr<const Mechanism> mechanism_;
-  Input input_;
+  InputSignal input_;
   const SensitivityOptions& options_;
   std::unique_ptr<MechanismSystem> base_, probe_;
   static const Node& nearest(const std::vector<Node>& nodes);

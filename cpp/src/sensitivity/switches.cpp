@@ -24,7 +24,7 @@ int zone(double speed, double threshold) {
 class Finder {
  public:
   Finder(Trajectory& trajectory, ShiftedModels& models, const SensitivityOptions& options,
-         const Input& input)
+         const InputSignal& input)
       : trajectory_(trajectory),
         models_(models),
         options_(options),
@@ -220,7 +220,7 @@ class Finder {
 }  // namespace
 
 std::vector<Switch> find_switches(Trajectory& trajectory, ShiftedModels& models,
-                                  const SensitivityOptions& options, const Input& input) {
+                                  const SensitivityOptions& options, const InputSignal& input) {
   std::vector<Switch> out;
   Finder(trajectory, models, options, input).scan(out);
   const double end = trajectory.time(trajectory.size() - 1);

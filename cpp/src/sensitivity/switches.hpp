@@ -27,6 +27,6 @@ struct Switch {
 
 /// All switches in the order of time, the end last.
 std::vector<Switch> find_switches(Trajectory& trajectory, ShiftedModels& models,
-                                  const SensitivityOptions& options, const Input& input);
+                                  const SensitivityOptions& options, const InputSignal& input);
 
 }  // namespace feltmb::detail

@@ -154,7 +154,8 @@ void Variational::stage(int i, double h) {
   MechanismSystem& base = models_.base();
   if (!base.factorize(kGamma * h)) {
     throw Error(
-        format("sensitivities: the Newton matrix is singular at t = %.9g s", time_ + kC[i] * h));
+        format("sensitivities: the Newton matrix is singular at t = %.9g s", time_ + kC[i] * h),
+        ErrorCode::kNotConverged);
   }
   ++counts_.factorizations;
   // (I - gamma h J) Z = U + gamma h B, k = (Z - U) / (gamma h).

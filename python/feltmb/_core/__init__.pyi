@@ -34,7 +34,7 @@ __all__: list[str] = [
     "Friction",
     "HubBeam",
     "HubBeamDescription",
-    "Input",
+    "InputSignal",
     "Interpolation",
     "JointKind",
     "LawPath",
@@ -48,8 +48,8 @@ __all__: list[str] = [
     "Profile",
     "RunResult",
     "SensitivityEvent",
-    "SensitivityLook",
-    "SensitivityLooked",
+    "SensitivityRequest",
+    "SensitivityValue",
     "SensitivityOptions",
     "SensitivityParameter",
     "SensitivityResult",
@@ -1224,7 +1224,7 @@ class Profile:
     @property
     def smooth(self) -> bool: ...
 
-class Input:
+class InputSignal:
     def __init__(
         self,
         profile: Profile,
@@ -1314,6 +1314,8 @@ class Monitor:
 class RunResult:
     @property
     def balance(self) -> dict: ...
+    @property
+    def code(self) -> str: ...
     @property
     def counts(self) -> dict: ...
     @property
@@ -1410,7 +1412,7 @@ class Stepper:
         value: typing.SupportsFloat | typing.SupportsIndex,
         rate: typing.SupportsFloat | typing.SupportsIndex,
         linear: bool,
-    ) -> tuple[str, str, str, str, list, int]: ...
+    ) -> tuple[str, str, str, str, str, list, int]: ...
     def outputs(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
     def channels(self) -> list: ...
@@ -1423,7 +1425,7 @@ class Perturbed:
     def __init__(
         self,
         mechanism: Mechanism,
-        input: Input,
+        input: InputSignal,
         shift: typing.SupportsFloat | typing.SupportsIndex,
         weight: typing.SupportsFloat | typing.SupportsIndex,
     ) -> None: ...
@@ -1447,7 +1449,7 @@ class SensitivitySegment:
         moves: typing.Annotated[numpy.typing.ArrayLike, numpy.float64, "[m, n]"] = ...,
     ) -> None: ...
 
-class SensitivityLook:
+class SensitivityRequest:
     def __init__(
         self,
         output: typing.SupportsInt | typing.SupportsIndex,
@@ -1456,7 +1458,7 @@ class SensitivityLook:
         sign: typing.SupportsInt | typing.SupportsIndex,
     ) -> None: ...
 
-class SensitivityLooked:
+class SensitivityValue:
     @property
     def derivative(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]: ...
     @property
@@ -1537,9 +1539,9 @@ class SensitivityResult:
     @property
     def gradient(self) -> numpy.typing.NDArray[numpy.float64]: ...
     @property
-    def looks(self) -> list[SensitivityLooked]: ...
+    def looks(self) -> list[SensitivityValue]: ...
     @property
-    def peaks(self) -> list[SensitivityLooked]: ...
+    def peaks(self) -> list[SensitivityValue]: ...
     @property
     def run(self) -> RunResult: ...
     @property
@@ -1555,7 +1557,7 @@ class BatchStroke:
     def __init__(
         self,
         mechanism: Mechanism,
-        input: Input,
+        input: InputSignal,
         options: SimulationOptions,
         start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
         monitors: collections.abc.Sequence[Monitor],
@@ -1806,7 +1808,7 @@ def jacobian_blocks(
 def jacobian_check(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-    input: Input,
+    input: InputSignal,
     time: typing.SupportsFloat | typing.SupportsIndex,
     gamma: typing.SupportsFloat | typing.SupportsIndex,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, n]"]:
@@ -1856,7 +1858,7 @@ def read_description(text: str) -> MechanismDescription: ...
 def rhs(
     mechanism: Mechanism,
     y: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
-    input: Input,
+    input: InputSignal,
     time: typing.SupportsFloat | typing.SupportsIndex,
 ) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[m, 1]"]:
     """
@@ -1865,14 +1867,14 @@ def rhs(
 
 def sensitivities(
     mechanism: Mechanism,
-    input: Input,
+    input: InputSignal,
     parameters: collections.abc.Sequence[SensitivityParameter],
     segments: collections.abc.Sequence[SensitivitySegment],
     options: SensitivityOptions,
 ) -> list[SensitivityResult]: ...
 def simulate(
     mechanism: Mechanism,
-    input: Input,
+    input: InputSignal,
     options: SimulationOptions,
     start: collections.abc.Sequence[typing.SupportsFloat | typing.SupportsIndex],
     monitors: collections.abc.Sequence[Monitor],

@@ -84,9 +84,9 @@ class Drive:
         return _core.Profile(list(self.time - self.time[0]), list(self.value), kind)
 
     @cached_property
-    def input(self) -> _core.Input:
+    def input(self) -> _core.InputSignal:
         """Input of the core."""
-        return _core.Input(self.profile, "key_motion" if self.motion else "force")
+        return _core.InputSignal(self.profile, "key_motion" if self.motion else "force")
 
 
 class Drives:

@@ -119,7 +119,9 @@ def simulate_many(
             for earlier in sorted(p for p in faults if p < position):
                 give(earlier, faults.pop(earlier))
         if failure:
-            give(position, ModelError(failure))
+            error = ModelError(failure)
+            error.code = result.code
+            give(position, error)
             return going
         run = to_run(action, stroke, settings, result, start)
         if run.status == "done":
@@ -129,6 +131,7 @@ def simulate_many(
                 position,
                 IntegrationError(
                     run.message,
+                    code=result.code,
                     partial=run,
                     time=run.reached,
                     state=result.failed_state,

@@ -367,7 +367,7 @@ class Machine:
             stepper = self._of(kind)
             stepper.state = self._stepper.state
             self._kind, self._stepper = kind, stepper
-        status, message, state, contact, events, _ = self._stepper.advance(
+        status, code, message, state, contact, events, _ = self._stepper.advance(
             dt, value, math.nan if speed is None else speed, self.hold == "linear"
         )
         if status == "interrupted":
@@ -376,6 +376,7 @@ class Machine:
             raise IntegrationError(
                 f"step of {dt:g} s from t = {self.time:.9g} s with {kind} = {value:g} {unit}: "
                 f"{message}",
+                code=code,
                 partial=None,
                 time=self.time,
                 state=state,

@@ -188,6 +188,7 @@ def simulate(
     if run.status != "done":
         raise IntegrationError(
             "\n".join([run.message, *pressed]),
+            code=result.code,
             partial=run,
             time=run.reached,
             state=result.failed_state,

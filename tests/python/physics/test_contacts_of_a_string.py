@@ -324,11 +324,13 @@ def test_a_body_beyond_the_end_of_the_string_is_told(damped):
     beyond = damped.with_values({"surfaces.felt.point.y": -0.6})
     with pytest.raises(
         feltmb.ModelError, match=r'contact03 .*touches string "string" at y = 0.678'
-    ):
+    ) as refused:
         beyond.rest_pose  # noqa: B018
+    assert refused.value.code == "beyond_string"
     # The hammer comes there later: the run ends there, with what was simulated.
     past = damped.with_values({"surfaces.nose.point.y": 0.08})
     with pytest.raises(feltmb.IntegrationError, match="contact01 hammer - string touches") as error:
         thrown(past, 1.0)
+    assert error.value.code == "beyond_string"
     assert "between its ends, 0 to 0.6315 m" in str(error.value)
     assert error.value.partial.time[-1] > 5e-5

@@ -45,10 +45,9 @@ def test_long_ringing_with_strings_in_the_integrator_makes_no_energy(name):
 
 def test_a_run_whose_ledger_is_off_has_failed_and_keeps_its_trajectory(ringing):
     options = {"duration": 0.1, "rtol": 1e-5, "max_order": 3}
-    with pytest.raises(
-        feltmb.IntegrationError, match=r"energy balance error.*ledger_limit"
-    ) as caught:
+    with pytest.raises(feltmb.IntegrationError, match="ledger_limit") as caught:
         feltmb.simulate(ringing, "staccato", **options)
+    assert caught.value.code == "energy_balance"
     run = caught.value.partial
     assert run.status == "failed"
     assert run.time[-1] == pytest.approx(0.1)

@@ -40,6 +40,7 @@ def test_a_rest_pose_with_energy_from_nowhere_is_refused(action, radius, what):
     moved = action.with_values({"surfaces.Gp2.radius": radius})
     with pytest.raises(feltmb.ModelError, match=what) as caught:
         moved.rest_pose  # noqa: B018
+    assert caught.value.code == "no_equilibrium"
     for word in ("rest pose makes no sense", "expected at most", "start_pose"):
         assert word in str(caught.value)
 

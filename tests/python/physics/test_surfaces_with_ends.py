@@ -205,7 +205,7 @@ def test_slopes_are_exact(tmp_path, name):
     q = [turn, 0.01 + c * place[0] - s * place[1], -0.02 + s * place[0] + c * place[1]]
     assert 5e-5 < compression(action, q)[0] < 2e-4
     y = np.array([*q, 0.7, -0.02, 0.03])
-    drive = _core.Input(_core.Profile([0.0], [0.0], _core.Interpolation.linear))
+    drive = _core.InputSignal(_core.Profile([0.0], [0.0], _core.Interpolation.linear))
     gamma = 2e-4
     inverse = _core.jacobian_check(action.mechanism, y, drive, 0.0, gamma)
     jacobian = np.zeros((6, 6))

@@ -74,6 +74,12 @@ def test_faults_have_their_turn(pendulum):
     assert isinstance(got[0][1], feltmb.InvalidParameter)
 
 
+def test_a_stroke_that_the_core_refuses_has_the_code_of_its_error(pendulum):
+    got = []
+    simulate_many(pairs(pendulum, 1), lambda _, outcome: got.append(outcome), rtol=1.0, **SHORT)
+    assert got[0].code == "invalid_parameter"
+
+
 def test_a_batch_stops_when_told(pendulum):
     got = []
 

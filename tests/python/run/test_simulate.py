@@ -74,8 +74,9 @@ def check_partial(error, run, whole):
 
 
 def test_wall_time(action):
-    with pytest.raises(feltmb.IntegrationError, match="wall time limit") as caught:
+    with pytest.raises(feltmb.IntegrationError) as caught:
         feltmb.simulate(action, "forte", max_wall=1e-9)
+    assert caught.value.code == "wall_time"
     check_partial(caught.value, caught.value.partial, 0.4)
     assert caught.value.partial.status == "wall_time"
 
@@ -124,10 +125,10 @@ def test_failure_names_time_state_and_contact(action):
     """
     literal = action.with_values({"contacts.*.law": "printed", "string.kind": "rigid_stop"})
     # Newton's method fails at the smallest step, or solves steps too small to get anywhere.
-    stopped = "(integration stopped|no progress: .*,) at t = "
-    with pytest.raises(feltmb.IntegrationError, match=stopped) as caught:
+    with pytest.raises(feltmb.IntegrationError) as caught:
         feltmb.simulate(literal, "forte", max_wall=60.0)
     error = caught.value
+    assert error.code in ("not_converged", "no_progress")
     check_partial(error, error.partial, 0.4)
     assert error.partial.status == "failed"
     assert error.time > 0.09
@@ -141,8 +142,9 @@ def test_failure_at_the_start(action, state_of):
     speeds = np.zeros(6)
     speeds[4] = 1e60
     start = state_of(action, action.rest_pose, speeds)
-    with pytest.raises(feltmb.IntegrationError, match="integration stopped at t = ") as caught:
+    with pytest.raises(feltmb.IntegrationError) as caught:
         feltmb.simulate(action, "forte", start=start)
+    assert caught.value.code == "not_converged"
     assert caught.value.time < 1e-12
     assert len(caught.value.partial.time) == 1
 
@@ -236,8 +238,9 @@ def test_numbers_of_numpy_are_initial_values(data):
 
 
 def test_a_run_that_fails_tells_what_the_initial_pose_presses():
-    with pytest.raises(feltmb.IntegrationError, match=r"(?s)no progress.*is pressed by 94.9 mm in"):
+    with pytest.raises(feltmb.IntegrationError, match=r"is pressed by 94\.9 mm in") as caught:
         feltmb.simulate("steinway45", "forte", start={"hammer.angle": "60 deg"})
+    assert caught.value.code == "no_progress"
 
 
 def test_faults_of_initial_values_come_at_once(data):

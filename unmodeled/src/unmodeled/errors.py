@@ -69,7 +69,14 @@ class Error(RuntimeError):
 
     Messages contain names and values of any files. They are made harmless for a terminal and cut to
     `MOST_LETTERS` characters.
+
+    Attributes
+    ----------
+    code : str
+        Cause in a word, for programs; "other" if there is no word for it.
     """
+
+    code = "other"
 
     def __init__(self, *args: object):
         super().__init__(*(message(a) if isinstance(a, str) else a for a in args))
@@ -77,6 +84,8 @@ class Error(RuntimeError):
 
 class InvalidParameter(Error, ValueError):
     """A parameter, a file's content or an argument is outside its permitted range."""
+
+    code = "invalid_parameter"
 
 
 class DataError(InvalidParameter):

@@ -14,7 +14,7 @@ namespace feltmb {
 /// One stroke of a batch. Mechanisms are immutable and may be shared between strokes.
 struct BatchStroke {
   std::shared_ptr<const Mechanism> mechanism;
-  Input input;
+  InputSignal input;
   SimulationOptions options;
   SimulationState start;  ///< empty y: the rest pose
   std::vector<Monitor> monitors;

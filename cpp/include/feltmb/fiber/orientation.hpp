@@ -63,7 +63,7 @@ double uniaxial_mean_inverse_sine(double ratio, double cos_theta);
 using Tensor4 = std::array<double, 81>;
 
 /// Component of a rank four tensor, indices 0..2.
-inline double at(const Tensor4& t, int i, int j, int k, int l) {
+inline double component(const Tensor4& t, int i, int j, int k, int l) {
   return t[static_cast<std::size_t>(((i * 3 + j) * 3 + k) * 3 + l)];
 }
 

@@ -18,7 +18,7 @@
 namespace feltmb {
 
 /// Input of a run.
-struct Input {
+struct InputSignal {
   Profile profile;  ///< in the unit of the kind
   InputKind kind = InputKind::kForce;
   double origin = 0.0;  ///< time on the clock of the profile at which a run begins [s]
@@ -46,7 +46,7 @@ struct Monitor {
 /// effective slopes of its force.
 class MechanismSystem : public OdeSystem {
  public:
-  MechanismSystem(std::shared_ptr<const Mechanism> mechanism, Input input, bool ledger,
+  MechanismSystem(std::shared_ptr<const Mechanism> mechanism, InputSignal input, bool ledger,
                   std::vector<Monitor> monitors, bool events);
 
   std::size_t size() const override {
@@ -149,7 +149,7 @@ class MechanismSystem : public OdeSystem {
   std::pair<double, double> driven_place(double t, std::span<const double> y);
 
   /// Another input of the same kind.
-  void set_input(const Input& input);
+  void set_input(const InputSignal& input);
 
   /// See SimulationOptions::finger_reference.
   void set_finger_reference(double place) {
@@ -158,7 +158,7 @@ class MechanismSystem : public OdeSystem {
   }
   double finger_reference() const { return finger_reference_; }
 
-  /// See Input::origin.
+  /// See InputSignal::origin.
   void set_origin(double origin) {
     input_.origin = origin;
     fresh_ = false;
@@ -177,7 +177,7 @@ class MechanismSystem : public OdeSystem {
   void check_input(const Mechanism& m) const;
 
   Dynamics dynamics_;
-  Input input_;
+  InputSignal input_;
   double finger_reference_ = 0.0;
   double prescribed_reference_ = 0.0;
   /// Time of the last evaluation, if it was a right-hand side or its powers.

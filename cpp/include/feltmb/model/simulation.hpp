@@ -8,6 +8,7 @@
 #include <string>
 #include <vector>
 
+#include "feltmb/core/error.hpp"
 #include "feltmb/model/channels.hpp"
 #include "feltmb/model/mechanism_system.hpp"
 #include "feltmb/ode/integrator.hpp"
@@ -140,9 +141,10 @@ const char* status_name(RunStatus status);
 
 struct RunResult {
   RunStatus status = RunStatus::kDone;
-  std::string message;       ///< why the run stopped early; empty when done
-  double reached = 0.0;      ///< [s]
-  std::string failed_state;  ///< with the largest error at the failure
+  ErrorCode code = ErrorCode::kNone;  ///< why the run stopped early
+  std::string message;                ///< empty when done
+  double reached = 0.0;               ///< [s]
+  std::string failed_state;           ///< with the largest error at the failure
   std::string failed_contact;
 
   Eigen::VectorXd time;            ///< (n_times) [s]
@@ -180,7 +182,7 @@ using Progress = std::function<bool(double)>;
 
 /// Integrates from `start` (the rest pose if y is empty). The clock starts at 0.
 /// Throws InvalidParameter for bad options; a solver failure is a status, not an exception.
-RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const Input& input,
+RunResult simulate(const std::shared_ptr<const Mechanism>& mechanism, const InputSignal& input,
                    const SimulationOptions& options, const SimulationState& start = {},
                    const std::vector<Monitor>& monitors = {}, const Progress& progress = {});
 

@@ -57,6 +57,7 @@ struct StepState {
 
 struct StepResult {
   RunStatus status = RunStatus::kDone;  ///< else the state is that before the step
+  ErrorCode code = ErrorCode::kNone;
   std::string message;
   std::string failed_state;
   std::string failed_contact;

@@ -14,12 +14,10 @@ class AdamsQuadrature {
  public:
   static constexpr std::size_t kMostNodes = 5;
 
+  /// All integrals are zero.
   explicit AdamsQuadrature(std::size_t count);
 
   std::size_t size() const { return integral_.size(); }
-
-  /// All integrals are zero.
-  void reset();
 
   /// The rates jump, or were unknown: only nodes from t on count. The integrals go on.
   void start(double t, std::span<const double> rates);

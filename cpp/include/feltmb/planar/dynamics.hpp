@@ -132,9 +132,9 @@ class Dynamics {
   /// From now on, keeps the axial coordinates of beams with `condense_axial` constant.
   void condense_axial();
 
-  /// Deflection of the kept coordinates from their kept values [m], from their equations without
-  /// inertia; zero for other coordinates. At the state of the last `evaluate`.
-  void add_condensed_deflection(std::span<double> q);
+  /// Adds the deflection of the kept coordinates from their kept values [m], from their equations
+  /// without their own inertia, at the state of the last `evaluate` of all contacts.
+  void add_condensed_deflection(std::span<double> q) const;
 
   /// Evaluates positions, contacts, forces, mass matrix and accelerations at a state.
   void evaluate(const MechanicalState& state, const Drive& drive,
@@ -242,8 +242,9 @@ class Dynamics {
   /// The prescribed motion at the last evaluation.
   const Prescription& prescription() const { return prescription_; }
 
-  double strap_force(int strap) const;        ///< pull [N]
-  double joint_friction(int k) const;         ///< with dashpots, against the motion, unit of Q_k
+  double strap_force(int strap) const;  ///< pull [N]
+  /// With dashpots, against the motion, after evaluate [unit of Q_k].
+  double joint_friction(int k) const { return joint_friction_[k]; }
   double beam_damping_power(int beam) const;  ///< dissipated by the structural damping, >= 0 [W]
 
   double kinetic_energy(std::span<const double> v) const;  ///< of the links [J], after evaluate
@@ -300,7 +301,8 @@ class Dynamics {
   void apply_inertia(std::size_t i);
   void add_beam(std::size_t index);
   void project(std::size_t i);
-  void hold_condensed();
+  void hold_condensed(bool hold);
+  void take_out_condensed();
   void prescribe(const Drive& drive);
   void differentiate_prescription();
   void factor_mass();
@@ -347,9 +349,12 @@ class Dynamics {
   std::vector<double> strap_slope_;
   Prescription prescription_;
   int driven_coordinate_ = -1;
-  Eigen::VectorXd response_;    ///< M^-1 J^T
-  std::vector<int> condensed_;  ///< kept coordinates, ascending
-  std::vector<char> held_;      ///< by coordinate: whether it is one of them
+  Eigen::VectorXd response_;        ///< M^-1 J^T
+  std::vector<int> condensed_;      ///< kept coordinates, ascending
+  std::vector<char> held_;          ///< by coordinate: whether it is one of them now
+  Eigen::MatrixXd condensed_mass_;  ///< their rows of M
+  Eigen::VectorXd condensed_force_;
+  std::vector<Eigen::LDLT<Eigen::MatrixXd>> axial_stiffness_;  ///< by beam
   /// One pair of shapes of a beam: what add_beam sums over.
   struct ShapePair {
     double product, cross, stiffness;
@@ -372,6 +377,7 @@ class Dynamics {
   std::vector<CycleStart> cycles_;         ///< by contact: of laws with memory, kept while it lasts
   std::vector<int> turning_;               ///< coordinates of the joints with friction
   std::vector<FrictionValue> resistance_;  ///< of these joints
+  Eigen::VectorXd joint_friction_;         ///< of all coordinates, with dashpots
   std::vector<double> q_;
   std::vector<double> v_;
   Eigen::VectorXd force_;

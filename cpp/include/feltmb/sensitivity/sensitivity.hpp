@@ -29,7 +29,7 @@ namespace feltmb {
 /// The model with one parameter shifted, and its weight in the difference formula.
 struct Perturbed {
   std::shared_ptr<const Mechanism> mechanism;
-  Input input;
+  InputSignal input;
   double shift = 0.0;   ///< of the parameter, its unit
   double weight = 0.0;  ///< derivative ~ sum of weight x value [1 / unit of the parameter]
 };
@@ -56,16 +56,16 @@ struct SensitivitySegment {
 };
 
 /// A value of an output that is wanted with its derivatives: at a time, or an extremum over time.
-struct SensitivityLook {
+struct SensitivityRequest {
   int output = -1;     ///< index in Channels
   double begin = 0.0;  ///< [s] on the clock of the stroke, as the times of its events
   double end = 0.0;    ///< [s]
   int sign = 0;        ///< +1: the largest value from begin to end, -1: the smallest, 0: at begin
 };
 
-struct SensitivityLooked {
+struct SensitivityValue {
   double value = 0.0;
-  double time = 0.0;  ///< [s], as in SensitivityLook
+  double time = 0.0;  ///< [s], as in SensitivityRequest
   int edge = 0;  ///< -1: it is at the begin, +1: at the end, whose time may move too; 0: between
   double rate = 0.0;  ///< of the output at an edge: what the derivative gets by the edge's own time
   Eigen::VectorXd derivative;       ///< by column, with the time of an edge fixed
@@ -89,7 +89,7 @@ struct SensitivityOptions {
   };
   std::vector<Rule> rules;
   /// Looks that are wanted, given the stroke; none: empty.
-  std::function<std::vector<SensitivityLook>(const RunResult&)> looks = {};
+  std::function<std::vector<SensitivityRequest>(const RunResult&)> looks = {};
 };
 
 struct SensitivityEvent {
@@ -119,8 +119,8 @@ struct SensitivityResult {
   RowMatrix end_state;           ///< (n_states, n_columns)
   RowMatrix end_memory;          ///< (n_contacts, n_columns)
   std::vector<SensitivityEvent> events;
-  std::vector<SensitivityLooked> peaks;  ///< largest forces, as run.peaks
-  std::vector<SensitivityLooked> looks;  ///< as SensitivityOptions::looks gave them
+  std::vector<SensitivityValue> peaks;  ///< largest forces, as run.peaks
+  std::vector<SensitivityValue> looks;  ///< as SensitivityOptions::looks gave them
   SensitivityCounts counts;
   double wall_stroke = 0.0;  ///< [s]
   double wall = 0.0;         ///< of the variational part [s]
@@ -130,7 +130,7 @@ struct SensitivityResult {
 /// depend on their number. Throws InvalidParameter; a solver failure of a segment is its
 /// run.status.
 std::vector<SensitivityResult> sensitivities(const std::shared_ptr<const Mechanism>& mechanism,
-                                             const Input& input,
+                                             const InputSignal& input,
                                              const std::vector<SensitivityParameter>& parameters,
                                              const std::vector<SensitivitySegment>& segments,
                                              const SensitivityOptions& options,

@@ -586,6 +586,7 @@ def simulate_actuator(
         raise IntegrationError(
             f"actuator: the energy balance error is {energy['residual_relative']:.1%} of the "
             f"exchanged energy, expected at most {limit:.0%}; use a smaller tolerance",
+            code="energy_balance",
             partial=run,
             time=float(run.time[-1]),
             state="",

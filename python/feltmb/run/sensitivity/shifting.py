@@ -87,7 +87,7 @@ def shifted(action: Action, stroke: Stroke, parameter: Parameter) -> Any:
     def model(mechanism: Any, shift: float, weight: float, **changed: Any) -> Any:
         return _core.Perturbed(
             mechanism,
-            _core.Input(
+            _core.InputSignal(
                 changed.get("profile", stroke.profile), stroke.kind, changed.get("origin", 0.0)
             ),
             shift,

@@ -86,8 +86,8 @@ def looks_of(
         found = []
         if key is not None and f"{key}.y" in outputs:
             place = outputs[f"{key}.y"][0]
-            found.append((_KEY, _core.SensitivityLook(place, 0.0, 0.0, 0)))
-            found.append((_KEY, _core.SensitivityLook(place, 0.0, run.reached, -1)))
+            found.append((_KEY, _core.SensitivityRequest(place, 0.0, 0.0, 0)))
+            found.append((_KEY, _core.SensitivityRequest(place, 0.0, run.reached, -1)))
         return found + _row_looks(action, outputs, _times(action, run, rules), run.reached, rate)
 
     return choose
@@ -100,7 +100,7 @@ def _row_looks(
     found: list[tuple[str, Any]] = []
 
     def look(name: str, output: str, begin: float, end: float, sign: int) -> None:
-        found.append((name, _core.SensitivityLook(outputs[output][0], begin, end, sign)))
+        found.append((name, _core.SensitivityRequest(outputs[output][0], begin, end, sign)))
 
     for name, row in _rows(action, when).items():
         if row.output is None:

@@ -345,6 +345,7 @@ def _to_gradient(
         where = f"segment from {segment.begin:g} s to {segment.end:g} s: "
         raise IntegrationError(
             where + run.message,
+            code=run.code,
             partial=None,  # only the derivatives were needed
             time=run.reached,
             state=run.failed_state,

@@ -117,9 +117,9 @@ class Stroke:
         )
 
     @property
-    def input(self) -> _core.Input:
+    def input(self) -> _core.InputSignal:
         """The input for the core."""
-        return _core.Input(self.profile, self.kind)
+        return _core.InputSignal(self.profile, self.kind)
 
     @property
     def unit(self) -> str:
