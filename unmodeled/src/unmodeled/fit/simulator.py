@@ -502,7 +502,7 @@ def spread_of(outputs: Array) -> Array:
     spread, size = np.std(outputs, axis=0), np.abs(outputs).max(axis=0, initial=0.0)
     size[size == 0.0] = 1.0
     # The mean of equal numbers differs from them by rounding.
-    return np.where(spread > len(outputs) * ROUNDING * size, spread, size)
+    return np.asarray(np.where(spread > len(outputs) * ROUNDING * size, spread, size))
 
 
 def noise_of_function(values: Array) -> float:
