@@ -24,7 +24,7 @@ OUTCOMES = {
     "axial": ("", "AAAAAAAAA"),
     "letoff": ("", "AAAAA"),
     "input": ("AA", "AAD"),
-    "contact-law": ("AAAADD", "ADAA"),
+    "contact-law": ("AAAADD", "ADDA"),
 }
 SLOW = ("staccato", "shapes", "axial", "input")
 LETTER = {"agrees": "A", "depends": "P", "disagrees": "D", "not tested": "N"}

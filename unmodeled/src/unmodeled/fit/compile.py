@@ -55,4 +55,4 @@ if __name__ == "__main__":
     try:
         print(build(*map(Path, sys.argv[1:2])))  # noqa: T201
     except RuntimeError as fault:
-        sys.exit(str(fault))
+        raise SystemExit(str(fault)) from None

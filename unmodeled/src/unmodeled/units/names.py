@@ -209,8 +209,17 @@ def weight_hint(unit: str, wanted: str) -> str:
     return "; hint: a force in grams has the unit gf (kilograms: kgf, pounds: lbf)"
 
 
+@checked
 def shows_gravity(unit: str, wanted: str) -> bool:
-    """Whether a unit is the g of an accelerometer, because an acceleration is expected."""
+    """Whether a unit is the g of an accelerometer, because an acceleration is expected.
+
+    Parameters
+    ----------
+    unit
+        Given unit.
+    wanted
+        Expected unit.
+    """
     try:
         return unit.strip() in ("g", "G") and _parse(wanted)[1] == _parse("gn")[1]
     except ValueError:
