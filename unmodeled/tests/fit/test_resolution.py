@@ -52,7 +52,9 @@ def drive(t: object, i: int) -> object:
     return 4.0 * np.sum(np.sin(2.0 * np.pi * np.multiply.outer(t, tones) + phase), axis=-1)
 
 
-def runs(held: str, k: float = 400.0, samples: int = 400) -> list[Record]:
+def runs(
+    held: str, k: float = 400.0, samples: int = 400, sigma: float | None = NOISE
+) -> list[Record]:
     """Records of the true machine whose input is smooth, or straight between samples."""
     time = 0.02 * np.arange(samples)
     noise = np.random.default_rng(5)
@@ -76,7 +78,7 @@ def runs(held: str, k: float = 400.0, samples: int = 400) -> list[Record]:
                 time=time,
                 inputs={"f": f},
                 outputs={"q": y + NOISE * noise.standard_normal(samples)},
-                sensors={"q": Sensor(name="q", unit="m", sigma=NOISE)},
+                sensors={"q": Sensor(name="q", unit="m", sigma=sigma)},
             )
         )
     return out
@@ -111,8 +113,9 @@ def test_substeps_are_as_many_as_it_takes() -> None:
     assert told.model.substeps == 1  # type: ignore[attr-defined]
 
 
-def test_what_is_ready_comes_back_as_it_is() -> None:
-    records = runs("smooth")
+@pytest.mark.parametrize("sigma", [NOISE, None])
+def test_what_is_ready_comes_back_as_it_is(sigma: float | None) -> None:
+    records = runs("smooth", sigma=sigma)
     ready = make_model().ready(records)
     assert [p.name for p in ready.model.parameters] == ["m", "k", "d", "between.f"]
     assert ready.model.ready(records).model is ready.model

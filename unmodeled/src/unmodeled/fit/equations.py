@@ -432,9 +432,9 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
     seen = [_part(r) for r in records[:RECORDS] if all(n in r.inputs for n in model.inputs)]
     more = sum(r.samples for r in records) / max(1, sum(r.samples for r in seen))
 
-    def difference_in_noise(one: Equations, other: Equations, unstated: bool = True) -> float:
+    def difference_in_noise(one: Equations, other: Equations) -> float:
         jobs = [(r, prior_jobs(other, r)) for r in seen]
-        return float(np.sqrt(more * _noise_distance(one, other, jobs, unstated)))
+        return float(np.sqrt(more * _noise_distance(one, other, jobs)))
 
     if model.substeps is None:
         out.substeps, noisy = _substeps(out, 1, difference_in_noise)
@@ -451,7 +451,7 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
         straight, smooth = copy.copy(out), copy.copy(out)
         straight.hold, smooth.hold = "linear", "spline"
         out.hold = "linear"
-        if model.inputs and difference_in_noise(straight, smooth, unstated=False) > DETECTABLE:
+        if model.inputs and difference_in_noise(straight, smooth) > DETECTABLE:
             out.hold = "between"
             out.parameters = model.parameters + tuple(
                 Parameter(
@@ -499,12 +499,10 @@ def _estimated_noise(values: Array) -> float:
     return max(noise_of_record(known), LEAST_NOISE * float(np.std(known))) if known.size else 0.0
 
 
-def _noise_distance(
-    one: Model, other: Model, batches: Sequence[Batch], unstated: bool = False
-) -> float:
+def _noise_distance(one: Model, other: Model, batches: Sequence[Batch]) -> float:
     """Sum of squares of the difference of two models in noise; infinite if one of them fails.
 
-    ``unstated``: channels whose noise is not stated count, with an estimate of it.
+    Noise that is not stated is estimated from the record.
     """
     total = 0.0
     runs = zip(batches, one.simulate_all(batches), other.simulate_all(batches), strict=True)
@@ -513,7 +511,7 @@ def _noise_distance(
             sensor = record.sensors.get(name)
             if name not in record.outputs or sensor is None:
                 continue
-            if sigma := sensor.sigma or (unstated and _estimated_noise(record.outputs[name])):
+            if sigma := sensor.sigma or _estimated_noise(record.outputs[name]):
                 y, z = a[0, :, c], b[0, :, c]
                 with np.errstate(over="ignore", invalid="ignore"):
                     noise = Noise(sigma, relative=sensor.relative_sigma)
