@@ -10,14 +10,29 @@ import pytest
 
 from unmodeled import Equations, Options, Record, Sensor, Simulator, diagnose
 from unmodeled.library import bouc_wen, second_store
+from unmodeled.search.progress import Stop
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.result import Reason, Verdict
+from unmodeled.search.search import search
 from unmodeled.search.verdict import _need
 
 from .conftest import spring_record
 
 
-def test_a_factor_is_a_class_of_all_places_that_it_can_have():
+@pytest.mark.parametrize("late", [False, True])
+def test_a_factor_is_a_class_of_all_places_that_it_can_have(late, monkeypatch):
+    """Also if the time is up before causes are exchanged."""
+
+    def without_exchange(problem, options, stage, step):
+        def tell(name):
+            stage(name)
+            if name == "exchange":
+                raise Stop
+
+        return search(problem, options, tell, step)
+
+    if late:
+        monkeypatch.setattr("unmodeled.diagnosis.search", without_exchange)
     t, rng, records = np.arange(0.0, 5.0, 0.05), np.random.default_rng(1), []
     for k, a in enumerate((1.0, 1.6, 0.8)):
         u = 2.0 + np.sin(a * t)
@@ -30,6 +45,7 @@ def test_a_factor_is_a_class_of_all_places_that_it_can_have():
         lambda time, inputs, p: {"y": p["k"] * inputs["u"]}, parameters={"k": (3.0, 0.03, "N/m")}
     )
     result = diagnose(model, None, records)
+    assert (Reason.NOT_COMPLETE in result.reasons) is late
     assert result.verdict is Verdict.ONE_OF
     (group,) = result.classes
     assert {n.cause for n in group} == {"gain of input u", "gain of sensor y", "k"}

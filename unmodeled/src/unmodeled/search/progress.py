@@ -40,6 +40,13 @@ class Stop(Exception):
         self.fits = fits
 
 
+def interrupted(reason: BaseException | None) -> bool:
+    """Whether Ctrl-C ended the search, also if fits that proceed together passed it on."""
+    while isinstance(reason, Stop):
+        reason = reason.__cause__
+    return isinstance(reason, KeyboardInterrupt)
+
+
 class Limit:
     """A time after which no step begins, and before which none begins that would end after it.
 

@@ -38,7 +38,7 @@ from unmodeled.search.linear import (
 )
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Member, Members, Observed, Problem
-from unmodeled.search.progress import Limit, Stop
+from unmodeled.search.progress import Limit, Stop, interrupted
 from unmodeled.search.score import (
     Directions,
     Score,
@@ -51,8 +51,9 @@ from unmodeled.search.score import (
 
 #: Log evidence that a larger set must gain, and that a change must gain.
 WORTH, BETTER = 0.5, 0.1
-#: Share of the limit of time after which the search ends; the rest is for the held-out records.
-SEARCH = 0.6
+#: Shares of the limit of time after which the search and the fits of equivalents end; the rest is
+#: for the held-out records.
+SEARCH, ALIKE = 0.6, 0.7
 #: Largest deviation of a parameter, in standard deviations, at which the tabulated model is near.
 MOVED = 1.0
 #: Share of the gain of the best cause from which others are tried too, up to the second number of
@@ -111,15 +112,19 @@ def search(
     InvalidParameter
         The model alone cannot be simulated.
     """
-    end = time.monotonic() + SEARCH * options.seconds
+    begin = time.monotonic()
     found = Searched(problem)
     now = model_alone(problem, step)
     _keep(found, [now])
-    check = Limit(end, step)
     try:
-        _climb(problem, options, found, now, check, tell)
+        _climb(problem, options, found, now, Limit(begin + SEARCH * options.seconds, step), tell)
     except (Stop, KeyboardInterrupt) as stop:
         found.ended_by = stop
+    if not interrupted(found.ended_by):  # the limit of time tells no cause from its equivalents
+        try:
+            _exchange_alike(problem, found, Limit(begin + ALIKE * options.seconds, step))
+        except (Stop, KeyboardInterrupt) as stop:
+            found.ended_by = stop
     return found
 
 
@@ -457,13 +462,16 @@ def _climb(
                 break
     if now.members:
         _refit(problem, found, [((), now, ())], check)
-        _exchange_alike(problem, found, now, check)
 
 
-def _exchange_alike(
-    problem: Problem, found: Searched, now: Fitted, check: Callable[[], None]
-) -> None:
-    """Fit every cause and parameter with the same column as a member in its place."""
+def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]) -> None:
+    """Fit every cause and parameter with the same column as a member of the best set in its place.
+
+    What is known of the columns costs no fit: it stays if the time is up before the fits.
+    """
+    now = found.ranked()[0][0]
+    if not now.members:
+        return
     check()
     seen, jobs = directions(problem, now), []
     for member in now.members:

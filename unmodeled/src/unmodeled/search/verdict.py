@@ -34,7 +34,7 @@ from unmodeled.search.linear import (
 from unmodeled.search.locate import cells, events, most_different, places
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Cause, Problem, rms_of, spread
-from unmodeled.search.progress import Stop
+from unmodeled.search.progress import Stop, interrupted
 from unmodeled.search.result import (
     Channel,
     Named,
@@ -106,11 +106,9 @@ def judge(
             supported = [i for i in ours_only.causes if i not in known]
         if supported:
             best = next(s for s in sets if s.causes == ours_only.causes)
-    interrupted = _interrupted(searched.ended_by)
+    by_user = interrupted(searched.ended_by)
     missing = [s for s in (alone, best) if s.causes not in predicted]
-    if (
-        shown.held_out and problem.fit is shown.fit and not interrupted
-    ):  # a few runs after the limit
+    if shown.held_out and problem.fit is shown.fit and not by_user:  # a few runs after the limit
         predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
     channels = _channels(problem, shown, alone, best, predicted, options)
     if shown.held_out and (part := searched.sets.get(best.causes)) is not None:
@@ -138,7 +136,7 @@ def judge(
     reasons = {
         Reason.DIFFERS_BETWEEN_RECORDS: bool(imitations & {*probable.causes}),
         Reason.NOT_COMPLETE: searched.ended_by is not None,
-        Reason.INTERRUPTED: interrupted or _interrupted(searched.ended_by),
+        Reason.INTERRUPTED: by_user or interrupted(searched.ended_by),
         Reason.NOT_NEEDED: bool(not_needed),
         Reason.NOISE_NOT_STATED: problem.noise_estimated,
         Reason.CALIBRATION_PREDICTS_WORSE: worse,
@@ -215,13 +213,6 @@ def _inside(problem: Problem, cause: Cause) -> bool:
     """Whether a cause acts inside the model, not at an input or a sensor; no parameter does."""
     inputs = {f"input {n}" for o in problem.fit for n in o.record.inputs}
     return not (cause.of_records or cause.parameter is not None or cause.component in inputs)
-
-
-def _interrupted(reason: BaseException | None) -> bool:
-    """Whether Ctrl-C ended the search, also if fits that proceed together passed it on."""
-    while isinstance(reason, Stop):
-        reason = reason.__cause__
-    return isinstance(reason, KeyboardInterrupt)
 
 
 def _verdict(
