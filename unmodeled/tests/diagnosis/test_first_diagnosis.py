@@ -122,7 +122,7 @@ def test_a_wrong_unit_of_a_single_record_is_refused(tmp_path):
     adapter = load(tmp_path, DOOR + EFFECTS)
     first = motion(1e3, 1)[0]
     wrong = replace(first, sensors={"table": Sensor(name="table", unit="m", sigma=0.1)})
-    with pytest.raises(DataError, match="times the model in all records: mm labeled as m"):
+    with pytest.raises(DataError, match="times the model in all records: is its unit"):
         unmodeled.diagnose(adapter.model, (), [wrong])
 
 
