@@ -178,12 +178,12 @@ def test_the_command_writes_what_it_prints(tmp_path, capsys, root):
     data = sorted((folder / "data").glob("emps_*.csv"))
     arguments = ["blind", str(folder / "emps.py"), *map(str, data)]
     with pytest.raises(SystemExit) as end:
-        main([*arguments, "--effect", "dry friction", "-o", str(tmp_path / "b"), "--json"])
+        main([*arguments, "--only", "dry friction", "-o", str(tmp_path / "b"), "--json"])
     assert not end.value.code
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "b" / "blind.json").read_text())
     assert printed["cases"][1]["outcome"] == "right"
     with pytest.raises(SystemExit) as end:
-        main([*arguments, "--effect", "no such"])
+        main([*arguments, "--only", "no such"])
     assert end.value.code == 2
     assert "no effect no such" in capsys.readouterr().err

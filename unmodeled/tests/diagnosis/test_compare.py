@@ -20,7 +20,7 @@ from unmodeled.search.records import check_records
 from . import models
 
 POINTS = ("key_front.y", "hammer_tip.x")
-QUICK = unmodeled.Options(tries=2, most=1)
+QUICK = unmodeled.Options(tries=2, max_effects=1)
 
 
 def command(*arguments):

@@ -11,7 +11,7 @@ from unmodeled.data import Record, Sensor, read_record
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.loading import load_model
 
-QUICK = unmodeled.Options(tries=2, most=1)
+QUICK = unmodeled.Options(tries=2, max_effects=1)
 
 MODEL = """
 from unmodeled import Coordinate, Equations, Parameter, State, candidates, library

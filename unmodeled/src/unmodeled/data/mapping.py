@@ -373,8 +373,8 @@ def _update(
         origin = _of_axis(name, origin, pixels=pixels)
     update["origin"] = None if origin is None else _origin(name, origin)
     update["period"] = options.periods.get(name)
-    if pixels and name.endswith(".y"):
-        update["down"] = options.down
+    if pixels and name.endswith(".y") and options.y_up:
+        update["down"] = False
     if output:
         update["delay"] = option(options.delays, of_all=True)
         update["reference"] = option(options.references, of_all=True)

@@ -178,7 +178,7 @@ def problem_of(
     of_records = _errors(model, effects, observed, names, clock)
     return Problem(
         model=model,
-        causes=causes_of(model, effects, options.missing, of_records),
+        causes=causes_of(model, effects, options.prior, of_records),
         fit=observed,
         held_out=unseen,
         channels=channels,
