@@ -23,7 +23,7 @@ def load(
     from feltmb.adapters.model import resolve
     from unmodeled.loading import LoadedModel
 
-    found = resolve(name, settings, channels, tell=notify)
+    found = resolve(name, settings, channels, notify=notify)
     if found is None:
         return None
     model, effects = found

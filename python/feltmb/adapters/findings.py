@@ -91,9 +91,9 @@ def _about(action: Action, used: Chosen, provenance: str, besides: Sequence[str]
     """Text about a calibrated mechanism."""
     about = str(action.raw.get("about", "")) or action.name
     about = f"{about.partition('; calibrated by ')[0]}; calibrated by {provenance}"
-    found = [f"{e.name} = {m:.6g} {e.unit}".removesuffix(" 1") for e, m, _ in used if e.insert]
-    if found:
-        about += f"; inserted: {', '.join(found)}"
+    inserted = [f"{e.name} = {m:.6g} {e.unit}".removesuffix(" 1") for e, m, _ in used if e.insert]
+    if inserted:
+        about += f"; inserted: {', '.join(inserted)}"
     if besides:
         about += f"; not in this file, because they are of the records: {', '.join(besides)}"
     return about
@@ -139,16 +139,16 @@ def _put(
         notes[0] += f" ({node['source']})" if node.get("source") else ""
         notes.append(earlier)
     node.pop("sd", None)  # of the old value
-    said = {"source": provenance, "status": "fitted", "note": "; ".join(filter(None, notes))}
-    node.update(said)
+    comment = {"source": provenance, "status": "fitted", "note": "; ".join(filter(None, notes))}
+    node.update(comment)
 
 
 def _quantity(leaf: Any) -> dict[str, Any]:
     """Value and unit of an entry of a file as a table."""
     if is_quantity(leaf):
         return dict(leaf)
-    found = split_quantity(leaf) if isinstance(leaf, str) else None
-    return {"value": leaf} if found is None else {"value": found[0], "unit": found[1]}
+    quantity = split_quantity(leaf) if isinstance(leaf, str) else None
+    return {"value": leaf} if quantity is None else {"value": quantity[0], "unit": quantity[1]}
 
 
 def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> None:
@@ -189,8 +189,8 @@ def bodies_at(config: MechanismFile, component: str, paths: Iterable[str] = ()) 
     number = _contact(config, component)
     if number is not None:
         return [config.surfaces[name].body for name in config.contacts[number].surfaces]
-    found = list(_of_paths(config, paths))
-    return found or [n for n, b in config.bodies.items() if component.startswith(b.label or n)]
+    bodies = list(_of_paths(config, paths))
+    return bodies or [n for n, b in config.bodies.items() if component.startswith(b.label or n)]
 
 
 def _of_paths(config: MechanismFile, paths: Iterable[str]) -> Iterator[str]:

@@ -145,44 +145,44 @@ def _chosen(
     faults = []
     for name in names:
         if name == "all":
-            found = list(entries)
+            selected = list(entries)
         elif any(c in name for c in "*?["):
-            found = [e for e in entries if fnmatch.fnmatchcase(e.name, name)]
-            if not found:
+            selected = [e for e in entries if fnmatch.fnmatchcase(e.name, name)]
+            if not selected:
                 faults.append(f"{what} {name!r}: no name of library {library!r} matches")
         elif name in known:
-            found = [known[name]]
+            selected = [known[name]]
         else:
             near = near_names(name, known)
             faults.append(f"{what[:-1]} {name!r} is not in library {library!r}{near}")
             continue
-        out |= {e.name: e for e in found}
+        out |= {e.name: e for e in selected}
     if faults:
         raise InvalidParameter("\n".join(faults))
     return tuple(out.values())
 
 
-def _read(path: Path, seen: tuple[Path, ...] = ()) -> LibraryFile:
-    own = validated(LibraryFile, read_toml(path), path.name)
-    if own.extends is None:
-        return own
-    if len(seen) >= MOST_EXTENDS:
+def _read(path: Path, before: tuple[Path, ...] = ()) -> LibraryFile:
+    file = validated(LibraryFile, read_toml(path), path.name)
+    if file.extends is None:
+        return file
+    if len(before) >= MOST_EXTENDS:
         raise InvalidParameter(f"{path.name}: more than {MOST_EXTENDS} files extend one another")
-    base_path = params.find(own.extends, "effects", "library", beside=path.parent)
-    if base_path.resolve() in [p.resolve() for p in (*seen, path)]:
-        raise InvalidParameter(f"{path.name}: extends {own.extends!r}, which leads back to itself")
-    base = _read(base_path, (*seen, path))
+    base_path = params.find(file.extends, "effects", "library", beside=path.parent)
+    if base_path.resolve() in [p.resolve() for p in (*before, path)]:
+        raise InvalidParameter(f"{path.name}: extends {file.extends!r}, which leads back to itself")
+    base = _read(base_path, (*before, path))
     # What the base leaves out is not a tolerance that this file defines by the same name.
-    defined = [re.sub(r"\{\w+\}", "*", name) for name in own.tolerances]
+    defined = [re.sub(r"\{\w+\}", "*", name) for name in file.tolerances]
     out = base.defaults.without_tolerances
     kept = [n for n in out if not any(fnmatch.fnmatchcase(n, d) for d in defined)]
     defaults = {"without_tolerances": kept}
-    defaults |= {k: getattr(own.defaults, k) for k in own.defaults.model_fields_set}
-    return own.model_copy(
+    defaults |= {k: getattr(file.defaults, k) for k in file.defaults.model_fields_set}
+    return file.model_copy(
         update={
-            "channels": base.channels | own.channels,
-            "tolerances": base.tolerances | own.tolerances,
-            "effects": base.effects | own.effects,
+            "channels": base.channels | file.channels,
+            "tolerances": base.tolerances | file.tolerances,
+            "effects": base.effects | file.effects,
             "defaults": base.defaults.model_copy(update=defaults),
         }
     )
@@ -384,10 +384,10 @@ def _changes(config: MechanismFile, table: _Table, item: str) -> list[Change] | 
     """Changes of a table; None: its felt is none, or has no such law."""
     changes = list(table.changes)
     if table.felt:
-        found = felt_changes(config, item, table.felt)
-        if found is None:
+        of_felt = felt_changes(config, item, table.felt)
+        if of_felt is None:
             return None
-        changes += found
+        changes += of_felt
     if table.felt_all:
         touching = [number for number, contact in config.contacts.items() if contact.enabled]
         if not touching:

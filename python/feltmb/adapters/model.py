@@ -35,7 +35,7 @@ from feltmb.adapters.records import (
 )
 from feltmb.adapters.simulator import DISPLACEMENT, FORCE, MechanismSimulator, key_of
 from feltmb.mechanism import Action, load_action, packaged_actions
-from feltmb.mechanism.parameters import with_values_told
+from feltmb.mechanism.parameters import with_noted_values
 from feltmb.run.stroke import load_stroke
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record, Sensor
@@ -262,8 +262,8 @@ class MechanismModel(Model):
         name = self.until.output
         if name in record.outputs and np.isfinite(record.outputs[name]).sum() > 10:
             return first_turn(record.time, record.outputs[name])
-        seen = self.simulator.raw(record, name)
-        return None if seen is None else first_turn(*seen)
+        turn = self.simulator.raw(record, name)
+        return None if turn is None else first_turn(*turn)
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has an :class:`Entry`, or is a sensor or input effect."""
@@ -433,7 +433,7 @@ def resolve(
     settings: Mapping[str, str],
     also: Sequence[str] = (),
     *,
-    tell: Callable[[str], None] | None = None,
+    notify: Callable[[str], None] | None = None,
 ) -> tuple[MechanismModel, tuple[Effect, ...]] | None:
     """Model and effects of a packaged mechanism or a mechanism file; None for other names.
 
@@ -446,7 +446,7 @@ def resolve(
         ``string.modes``.
     also
         Channels in addition to those of the settings.
-    tell
+    notify
         Function that receives sentences about assumptions.
 
     Raises
@@ -465,7 +465,7 @@ def resolve(
             f"--set {', '.join(unknown)}: expected {', '.join(SETTINGS)}, or a path of the "
             "mechanism such as string.modes"
         )
-    action = with_values_told(name, [f"{k}={v}" for k, v in paths.items()], tell)
+    action = with_noted_values(name, [f"{k}={v}" for k, v in paths.items()], notify)
     options: dict[str, Any] = {}
     for key, (word, meaning) in NUMBERS.items():
         if key in settings:
@@ -522,14 +522,14 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
     """
     if model.action.config.finger is None:
         return ()
-    seen = [o for o in model.outputs if o not in model.beside and o != DISPLACEMENT]
+    shown = [o for o in model.outputs if o not in model.beside and o != DISPLACEMENT]
     sensors = {
         o: Sensor(
             name=o,
             unit=model.units[o],
             sigma=LOAD_CELL if o == "finger.force" else CAMERA,
         )
-        for o in seen
+        for o in shown
     }
     records = []
     for name in names:
@@ -540,7 +540,7 @@ def planned_strokes(model: MechanismModel, names: Sequence[str] = STROKES) -> tu
                 name=name,
                 time=time,
                 inputs={"force": stroke.at(time)},
-                outputs={o: np.zeros(time.size) for o in seen},
+                outputs={o: np.zeros(time.size) for o in shown},
                 sensors=sensors,
                 input_sigma={"force": LOAD_CELL},
             )

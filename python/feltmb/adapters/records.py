@@ -279,7 +279,7 @@ def from_rest(
         Name of the model, for the notes.
     """
     starts = {n: _Start.of(record, n, rest[n]) for n in record.outputs if n in rest}
-    clear = {s.kind for s in starts.values() if not s.told}
+    clear = {s.kind for s in starts.values() if not s.stated}
     frame = "absolute" if "absolute" in clear and "rest" not in clear else "rest"
     outputs, sensors = dict(record.outputs), dict(record.sensors)
     notes: list[str] = []
@@ -291,7 +291,7 @@ def from_rest(
             lost.append(f"{name} at {start.value:.6g} m ({start.rest:.6g} m)")
         if kind != "absolute":
             continue
-        absolute[start.told].append(name)
+        absolute[start.stated].append(name)
         zero = start.rest
         if abs(start.value - start.rest) > start.near:
             zero = start.value
@@ -301,9 +301,9 @@ def from_rest(
             )
         outputs[name] = record.outputs[name] - zero
         sensors[name] = replace(sensors[name], reference="rest")
-    for told, names in absolute.items():
+    for stated, names in absolute.items():
         if names:
-            why = "as specified" if told else f"they start at the rest values of {model}"
+            why = "as specified" if stated else f"they start at the rest values of {model}"
             notes.insert(
                 0,
                 f"{record.name}: {', '.join(names)}: absolute coordinates ({why}); compared as "
@@ -333,7 +333,7 @@ class _Start:
     """Largest distance from the rest position of the model that counts as a start at rest [m]."""
     kind: str
     """"rest", "absolute", "either" (both are equal within the noise), or "" (neither)."""
-    told: bool
+    stated: bool
 
     @classmethod
     def of(cls, record: Record, name: str, rest: float) -> _Start:
@@ -389,8 +389,8 @@ def first_turn(time: Array, values: Array) -> float | None:
     """
     from scipy.ndimage import median_filter
 
-    seen = np.isfinite(values)
-    clock, travel = time[seen], median_filter(np.abs(values[seen]), BAD)
+    finite = np.isfinite(values)
+    clock, travel = time[finite], median_filter(np.abs(values[finite]), BAD)
     if travel.size == 0 or np.max(travel) < 10 * START:
         return None
     far = float(np.max(travel))

@@ -186,28 +186,28 @@ class Variant:
         return len(m.coordinates), len(m.law_state_names), m.total_modes
 
     @cached_property
-    def _found(self) -> Mapping[str, Any]:
+    def _rest(self) -> Mapping[str, Any]:
         return _core.find_equilibrium(self.mechanism)
 
     @cached_property
     def rest(self) -> Array:
         """Full state [q, v, law states, eta, d eta/dt] at rest."""
-        q = np.asarray(self._found["q"])
+        q = np.asarray(self._rest["q"])
         modes = np.zeros(self.mechanism.total_modes)
-        found = (self._found["law"], self._found["eta"])
-        return np.concatenate([q, np.zeros(q.size), *found, modes])
+        inner = (self._rest["law"], self._rest["eta"])
+        return np.concatenate([q, np.zeros(q.size), *inner, modes])
 
     @cached_property
     def memory(self) -> Array:
         """Compressions that the contacts remember at rest [m]."""
-        return np.asarray(self._found["largest_compression"])
+        return np.asarray(self._rest["largest_compression"])
 
     @cached_property
     def points(self) -> Mapping[str, tuple[float, float]]:
         """Positions of the tracking points at rest [m]."""
         points = {}
         for index, name in enumerate(self.mechanism.point_names):
-            x, y = _core.point_position(self.mechanism, index, self._found["q"])
+            x, y = _core.point_position(self.mechanism, index, self._rest["q"])
             points[name] = (float(x), float(y))
         return points
 
@@ -216,7 +216,7 @@ class Variant:
         """Position of the finger along its direction at rest [m]; 0 without a finger."""
         if not self._finger:
             return 0.0
-        return float(_core.finger_place(self.mechanism, self._found["q"]))
+        return float(_core.finger_place(self.mechanism, self._rest["q"]))
 
 
 class Workshop:
@@ -459,8 +459,8 @@ class MechanismSimulator:
                 return [(k, work(tasks[k])) for k in group]
 
         with ThreadPoolExecutor(self.workers) as pool:
-            found = dict(pair for pairs in pool.map(run, groups.values()) for pair in pairs)
-        return [found[k] for k in range(len(tasks))]
+            results = dict(pair for pairs in pool.map(run, groups.values()) for pair in pairs)
+        return [results[k] for k in range(len(tasks))]
 
 
 def key_of(
@@ -505,5 +505,5 @@ def at_times(simulated: Array, values: Array, time: Array) -> Array:
     from scipy.interpolate import CubicHermiteSpline
 
     slope = np.gradient(values, simulated, axis=0)
-    found: Array = CubicHermiteSpline(simulated, values, slope, axis=0)(time)
-    return found
+    between: Array = CubicHermiteSpline(simulated, values, slope, axis=0)(time)
+    return between

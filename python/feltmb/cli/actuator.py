@@ -136,8 +136,8 @@ def command(
     frequencies = [float(f) for f in actuator.frequencies(most)]
     kind = actuator.config.damper.kind.replace("_", "-")
     if as_json:
-        found = {name: getattr(run, name) for name in ("summary", "energy", "stats")}
-        print_json(found | {"frequencies": frequencies})
+        tables = {name: getattr(run, name) for name in ("summary", "energy", "stats")}
+        print_json(tables | {"frequencies": frequencies})
     else:
         show(
             f"actuator {actuator.name}, damper {kind}",
@@ -208,7 +208,7 @@ def match_command(
     from feltmb.run.stroke import load_stroke
 
     check_targets(out, pictures=(plot,), force=force)
-    found = match(
+    matched = match(
         _load(arm, damper, settings),
         load_stroke(target),
         action=action,
@@ -219,15 +219,15 @@ def match_command(
     )
     if as_json:
         numbers = ("rms", "rms_start", "relative", "evaluations")
-        parameters = {"parameters": [vars(p) for p in found.parameters]}
-        print_json({name: getattr(found, name) for name in numbers} | parameters)
+        parameters = {"parameters": [vars(p) for p in matched.parameters]}
+        print_json({name: getattr(matched, name) for name in numbers} | parameters)
     else:
-        _print_match(found)
-    save_text(out, found.actuator.to_toml, force=force)
-    save_figure(plot, lambda: plot_match(found), force=force)
+        _print_match(matched)
+    save_text(out, matched.actuator.to_toml, force=force)
+    save_figure(plot, lambda: plot_match(matched), force=force)
 
 
-def _print_match(found: Match) -> None:
+def _print_match(matched: Match) -> None:
     rows = [
         (
             p.name + (" (at its bound)" if p.at_bound else ""),
@@ -237,13 +237,13 @@ def _print_match(found: Match) -> None:
             p.unit,
             f"{p.effect:.3g} N",
         )
-        for p in found.parameters
+        for p in matched.parameters
     ]
     show(
         "finger force on its target",
         "parameter | >start | >fitted | 95 % interval | unit | >force changes by",
         rows,
-        f"rms deviation {found.rms:.3g} N, {100 * found.relative:.2g} % of the target (before "
-        f"{found.rms_start:.3g} N); {found.evaluations} simulations; last column: rms, for "
+        f"rms deviation {matched.rms:.3g} N, {100 * matched.relative:.2g} % of the target (before "
+        f"{matched.rms_start:.3g} N); {matched.evaluations} simulations; last column: rms, for "
         "10 % of a parameter or 0.1 N m of torque",
     )

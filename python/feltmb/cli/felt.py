@@ -229,7 +229,7 @@ def contact_command(
     from feltmb.felt.plot import plot_measured_loop
 
     written.check()
-    found = read_measured_loop(
+    loop = read_measured_loop(
         test,
         zero=zero,
         points=written.points,
@@ -239,38 +239,38 @@ def contact_command(
         law=cast("FeltLaw", law),
         **read.reading,
     )
-    kes = {} if area is None else found.kawabata(area)
+    kes = {} if area is None else loop.kawabata(area)
     if as_json:
-        print_json({**_contact_json(found), **({"kawabata": kes} if kes else {})})
+        print_json({**_contact_json(loop), **({"kawabata": kes} if kes else {})})
     else:
-        _print_contact(found)
+        _print_contact(loop)
         if kes:
             say(
                 f"KES: WC {kes['WC']:.4g} J/m^2, LC {kes['LC']:.3f}, RC {100 * kes['RC']:.1f} %, "
                 f"up to {kes['pressure'] / 98.0665:.4g} gf/cm^2 (KES ends at 50)"
             )
-    written.write(found.envelope, lambda: plot_measured_loop(found))
+    written.write(loop.envelope, lambda: plot_measured_loop(loop))
 
 
-def _first_contact(found: MeasuredLoop) -> tuple[float, list[float]]:
+def _first_contact(loop: MeasuredLoop) -> tuple[float, list[float]]:
     """Reading at the first contact [m], and its interval."""
-    sign = -1.0 if found.by_thickness else 1.0
-    return sign * found.zero, sorted(sign * end for end in found.zero_interval or ())
+    sign = -1.0 if loop.by_thickness else 1.0
+    return sign * loop.zero, sorted(sign * end for end in loop.zero_interval or ())
 
 
-def _contact_json(found: MeasuredLoop) -> dict[str, Any]:
-    made, sure = found.envelope, found.uncertainty
-    at, span = _first_contact(found)
+def _contact_json(loop: MeasuredLoop) -> dict[str, Any]:
+    made, sure = loop.envelope, loop.uncertainty
+    at, span = _first_contact(loop)
     return {
         "zero": at,
         "zero_interval": span or None,
-        "cycle": found.branches.chosen,
-        "cycles": [{**asdict(one), "speed": finite(one.speed)} for one in found.cycles],
+        "cycle": loop.branches.chosen,
+        "cycles": [{**asdict(one), "speed": finite(one.speed)} for one in loop.cycles],
         "largest_compression": made.closing,
         "largest_force": float(made.loading[-1]),
         "loss": made.loss,
-        "loss_of_samples": found.loss,
-        "loss_factor": found.loss_factor,
+        "loss_of_samples": loop.loss,
+        "loss_factor": loop.loss_factor,
         "uncertainty": {
             "cycles": sure.cycles,
             "zero": sure.zero,
@@ -280,19 +280,19 @@ def _contact_json(found: MeasuredLoop) -> dict[str, Any]:
             "unloading": sure.unloading.tolist(),
             "source": sure.source,
         },
-        "memory": dict(found.memory),
-        "rms_of_law": found.rms,
-        "notes": list(found.notes),
+        "memory": dict(loop.memory),
+        "rms_of_law": loop.rms,
+        "notes": list(loop.notes),
         "envelope": made.table(),
     }
 
 
-def _print_contact(found: MeasuredLoop) -> None:
-    made, sure = found.envelope, found.uncertainty
-    at, span = _first_contact(found)
+def _print_contact(loop: MeasuredLoop) -> None:
+    made, sure = loop.envelope, loop.uncertainty
+    at, span = _first_contact(loop)
     _print_envelope(made, sure)
     say(f"±: standard uncertainty (68 %), {sure.source}")
-    what = "thickness" if found.by_thickness else "displacement"
+    what = "thickness" if loop.by_thickness else "displacement"
     given = "given, or zero of a compression"
     if span:
         given = f"95 %: {1e3 * span[0]:.4g} to {1e3 * span[1]:.4g} mm; --zero"
@@ -300,15 +300,15 @@ def _print_contact(found: MeasuredLoop) -> None:
     sd = f" ± {100 * sure.loss:.2g}" if sure.loss > 0.0 else ""
     say(
         f"loss of the loop: {100 * made.loss:.2f}{sd} % of the loading work; of the samples of its "
-        f"cycle: {100 * found.loss:.2f} % (loss factor, tan delta: {found.loss_factor:.3f})"
+        f"cycle: {100 * loop.loss:.2f} % (loss factor, tan delta: {loop.loss_factor:.3f})"
     )
-    if len(found.cycles) > 1:
+    if len(loop.cycles) > 1:
         show(
             "Cycles",
             ">cycle | >from [mm] | >to [mm] | >force [N] | >speed [mm/s] | >loss [%] | >± [%]",
             [
                 (
-                    f"{c.number}{' *' if c.number == found.branches.chosen else ''}",
+                    f"{c.number}{' *' if c.number == loop.branches.chosen else ''}",
                     f"{1e3 * c.low:.4g}",
                     f"{1e3 * c.top:.4g}",
                     f"{c.force:.4g}",
@@ -316,35 +316,35 @@ def _print_contact(found: MeasuredLoop) -> None:
                     f"{100 * c.loss:.2f}",
                     f"{100 * c.sd:.2g}",
                 )
-                for c in found.cycles
+                for c in loop.cycles
             ],
         )
         say("* the loop")
-    say(_memory(found))
+    say(_memory(loop))
     say(
-        f"difference of law and test: {found.rms:.4g} N rms, "
-        f"{100 * found.rms / made.loading[-1]:.2g} % of the largest force"
+        f"difference of law and test: {loop.rms:.4g} N rms, "
+        f"{100 * loop.rms / made.loading[-1]:.2g} % of the largest force"
     )
-    warn(found.notes)
+    warn(loop.notes)
 
 
-def _memory(found: MeasuredLoop) -> str:
+def _memory(loop: MeasuredLoop) -> str:
     """Numbers of the memory with their uncertainty, or why they have none."""
-    if "kappa" not in found.memory:
-        rest = " and wiping_out = 0" if found.envelope.law_name == "felt_memory" else ""
+    if "kappa" not in loop.memory:
+        rest = " and wiping_out = 0" if loop.envelope.law_name == "felt_memory" else ""
         return (
             f"memory: kappa = 0.2{rest}, the defaults of the law: the test does not "
             "tell better ones, and they have no uncertainty"
         )
     from feltmb.felt.measured import WIPING_OUT
 
-    kappa, sd = found.memory["kappa"], found.uncertainty.kappa
+    kappa, sd = loop.memory["kappa"], loop.uncertainty.kappa
     about = f"± {sd:.2g}" if math.isfinite(sd) else "the test does not determine its uncertainty"
-    if found.envelope.law_name != "felt_memory":
+    if loop.envelope.law_name != "felt_memory":
         return f"memory: kappa = {kappa:.4g} ({about})"
     return (
         f"memory: kappa = {kappa:.4g} ({about}), wiping_out = "
-        f"{found.memory.get('wiping_out', 0.0):g} (of 0 and {WIPING_OUT}, the one that follows the "
+        f"{loop.memory.get('wiping_out', 0.0):g} (of 0 and {WIPING_OUT}, the one that follows the "
         "test better; no uncertainty)"
     )
 
@@ -388,23 +388,23 @@ def law_command(
             "test; expected no --cycle"
         )
     given = {"zero": zero, "thickness0": thickness, "area": area, **reading}
-    found = [read_specimen(test, **given) for test in tests]
-    several = len(found) > 1
+    specimens = [read_specimen(test, **given) for test in tests]
+    several = len(specimens) > 1
     if several and law not in LOADING:
-        raise InvalidParameter(f"--law {law} is of one test, got {len(found)}")
+        raise InvalidParameter(f"--law {law} is of one test, got {len(specimens)}")
     if out is not None and (several or law.startswith("van_wyk")):
         raise InvalidParameter(
-            f"{out}: --law {law} of {len(found)} tests is no contact law; expected power, maxwell, "
-            "stulov or rate of one test (felt contact makes a table of any loop)"
+            f"{out}: --law {law} of {len(specimens)} tests is no contact law; expected power, "
+            "maxwell, stulov or rate of one test (felt contact makes a table of any loop)"
         )
-    pooled = pool(found, law, thickness=thickness) if several else None  # type: ignore[arg-type]
-    fits = pooled.fits if pooled else (fit_law(found[0], law, thickness=thickness),)  # type: ignore[arg-type]
+    pooled = pool(specimens, law, thickness=thickness) if several else None  # type: ignore[arg-type]
+    fits = pooled.fits if pooled else (fit_law(specimens[0], law, thickness=thickness),)  # type: ignore[arg-type]
     if as_json:
         every: list[LawFit | PooledLaw] = [*fits, *filter(None, [pooled])]
         print_json([_law_json(one) for one in every])
     else:
         _print_laws(fits, pooled)
-    warn([note for test in found for note in test.notes])
+    warn([note for test in specimens for note in test.notes])
     save_text(out, fits[0].to_toml, force=force)
 
 
@@ -512,14 +512,14 @@ def fmu_command(
     from feltmb.run.fmu import export_felt
     from unmodeled.errors import InvalidParameter
 
-    [(name, found)] = audit_targets(law, settings, all_hint="", tell=complain)
-    if isinstance(found, FeltMaterial):
+    [(name, item)] = audit_targets(law, settings, all_hint="", notify=complain)
+    if isinstance(item, FeltMaterial):
         raise InvalidParameter(
             f"{law} is a felt without a thickness and an area, expected a law; hint: feltmb felt "
             f"envelope {law} --thickness 6mm --area constant:1cm2 -o envelope.toml"
         )
     written = export_felt(
-        found.law() if isinstance(found, FeltEnvelope) else found,
+        item.law() if isinstance(item, FeltEnvelope) else item,
         out,
         name=name,
         version=fmi,
@@ -598,8 +598,8 @@ def identify_command(
         if v_f0 is None:
             say(f"v_f0 = {base.v_f0:g}, that of {material} (--v-f0)")
         measured = finite(result.measured_loss)
-        told = "" if measured is None else f"; of the samples: {100 * measured:.2f} %"
-        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work{told}")
+        samples = "" if measured is None else f"; of the samples: {100 * measured:.2f} %"
+        say(f"loss of the loop: {100 * result.material.loss():.2f} % of the loading work{samples}")
         warn(result.warnings)
     save_text(out, result.material.to_toml, force=force)
     save_figure(image, lambda: plot_identification(result), force=force)
@@ -683,7 +683,7 @@ def fit_command(
     from feltmb.felt import audit_targets, contact_loop, fit_contact, load_material, parse_area
 
     check_targets(out, force=force)
-    ((name, item),) = audit_targets(contact, settings, all_hint="", tell=complain)
+    ((name, item),) = audit_targets(contact, settings, all_hint="", notify=complain)
     made = fit_contact(
         *contact_loop(item, name=name),
         parse_area(area),
@@ -764,7 +764,7 @@ def audit_command(
 
     if everything and ":" in law:
         raise click.UsageError(f"--all is for all contacts of a mechanism; {law} is one of them")
-    targets = audit_targets(law, settings, everything=everything, tell=complain)
+    targets = audit_targets(law, settings, everything=everything, notify=complain)
     images: dict[str, Path] = {}
     if folder is not None:
         make_folder(folder)

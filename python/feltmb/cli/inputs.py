@@ -314,7 +314,7 @@ def validate(
 def _checked(path: Path, *, rest: bool) -> tuple[str, list[str], list[str]]:
     """What a file is; its numbers without a unit; warnings."""
     from feltmb.mechanism import load_action
-    from feltmb.mechanism.parameters import told_bare_numbers
+    from feltmb.mechanism.parameters import notes_of_bare_numbers
     from feltmb.run.reach import unreached_lines
     from feltmb.run.results import load_run
     from feltmb.run.stroke import load_stroke
@@ -332,7 +332,7 @@ def _checked(path: Path, *, rest: bool) -> tuple[str, list[str], list[str]]:
         return f"{stroke.kind} stroke, {points}, {stroke.duration:g} s", [], []
     action = load_action(path)
     text = f"mechanism, {len(action.coordinates)} coordinates"
-    bare, warnings = told_bare_numbers(action)
+    bare, warnings = notes_of_bare_numbers(action)
     if rest:
         text += f", comes to rest ({action.rest_iterations} iterations)"
         warnings += unreached_lines(action)

@@ -34,6 +34,6 @@ def load_with_settings(name: str, settings: Sequence[str] = ()) -> Action:
 
 def with_settings(model: M, settings: Sequence[str]) -> M:
     """Model of a file with the values of ``--set``; tells what changed numbers became."""
-    from feltmb.mechanism.parameters import with_values_told
+    from feltmb.mechanism.parameters import with_noted_values
 
-    return with_values_told(model, settings, complain)
+    return with_noted_values(model, settings, complain)

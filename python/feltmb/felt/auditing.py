@@ -230,7 +230,7 @@ def audit_targets(
     *,
     everything: bool = False,
     all_hint: str = ", or --all",
-    tell: Callable[[str], None] | None = None,
+    notify: Callable[[str], None] | None = None,
 ) -> list[tuple[str, LawChoice | FeltEnvelope | FeltMaterial]]:
     """Contacts, felts, envelopes or laws for ``feltmb felt`` ``audit``, ``fit`` and ``fmu``.
 
@@ -246,7 +246,7 @@ def audit_targets(
         Whether all contacts of the mechanism are returned, including switched-off ones.
     all_hint
         Last part of the message about a missing contact.
-    tell
+    notify
         Function that receives what numbers without a unit in ``settings`` became.
 
     Raises
@@ -257,7 +257,7 @@ def audit_targets(
     """
     from feltmb.fiber.material import packaged_materials
     from feltmb.mechanism import packaged_actions
-    from feltmb.mechanism.parameters import with_values_told
+    from feltmb.mechanism.parameters import with_noted_values
 
     action_name, colon, contact = text.rpartition(":")
     if not colon:
@@ -274,7 +274,7 @@ def audit_targets(
             f"({', '.join(packaged_materials())}) and no file ending in .toml; expected "
             f"ACTION:CONTACT, a felt, an envelope or a law{hint if is_file(path) else ''}"
         )
-    action = with_values_told(load_action(action_name), settings, tell)
+    action = with_noted_values(load_action(action_name), settings, notify)
     contacts = action.config.contacts
     if everything and not colon:
         _refuse_idle(action, settings, list(contacts))

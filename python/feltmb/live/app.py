@@ -75,21 +75,21 @@ class Studio:
         self.files = self.uploads.listing()  # of every page; others are of the page that added them
         path = Path(mechanism)
         self._file = path if is_file(path) else None
-        self._seen = stamps(files_of(self._file)) if self._file is not None else {}
+        self._stamps = stamps(files_of(self._file)) if self._file is not None else {}
 
     async def follow(self) -> None:
         """Read the mechanism again when its file, or a file to which it refers, changes."""
         while self._file is not None:
             await asyncio.sleep(LOOK)
-            now = stamps(self._seen)
-            if now == self._seen or now[self._file] is None:
+            now = stamps(self._stamps)
+            if now == self._stamps or now[self._file] is None:
                 continue
             loop = asyncio.get_running_loop()
-            self._seen = now
+            self._stamps = now
             try:
                 # Files are noted before they are read: a change meanwhile is detected later.
                 named = await loop.run_in_executor(self.pool, files_of, self._file)
-                self._seen = stamps(named) | {path: now[path] for path in now if path in named}
+                self._stamps = stamps(named) | {path: now[path] for path in now if path in named}
                 action = await loop.run_in_executor(self.pool, load_action, str(self._file))
                 self.bench, self.faults = await loop.run_in_executor(self.pool, Bench, action), []
             except Exception as error:  # otherwise the file would not be followed any more
@@ -109,11 +109,11 @@ def stamps(paths: Iterable[Path]) -> dict[Path, tuple[int, int] | None]:
     out: dict[Path, tuple[int, int] | None] = {}
     for path in paths:
         try:
-            found = path.stat()
+            status = path.stat()
         except OSError:
             out[path] = None
         else:
-            out[path] = found.st_mtime_ns, found.st_size
+            out[path] = status.st_mtime_ns, status.st_size
     return out
 
 
@@ -156,9 +156,9 @@ class Page:
         """Send the knobs and outputs, at the start and after a change of the mechanism file."""
         bench, loop = self.studio.bench, asyncio.get_running_loop()
         try:
-            found = await loop.run_in_executor(self.studio.pool, greeting, bench)
+            content = await loop.run_in_executor(self.studio.pool, greeting, bench)
         except Exception as error:  # otherwise the page would be empty
-            found = {"faults": fault_of(error).splitlines()}
+            content = {"faults": fault_of(error).splitlines()}
         self.requests.again()
         self.post(
             "hello",
@@ -168,8 +168,8 @@ class Page:
                 "mechanism": self.studio.name,
                 "edition": self.studio.version,
                 "files": self.studio.files,
-                **found,
-                "faults": self.studio.faults or found.get("faults", []),
+                **content,
+                "faults": self.studio.faults or content.get("faults", []),
             },
         )
 
@@ -255,9 +255,9 @@ class Guard:
         if len(hosts) != 1 or hosts[0] not in self.hosts:
             return 421, "this server answers to its own address only"
         origins = [v for k, v in headers if k == b"origin"]
-        own = [f"http://{host}" for host in self.hosts]
+        allowed = [f"http://{host}" for host in self.hosts]
         needs = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
-        if (needs and not origins) or any(origin not in own for origin in origins):
+        if (needs and not origins) or any(origin not in allowed for origin in origins):
             return 403, "requests of other pages are refused"
         given = scope["path"].split("/")[1].encode("utf-8", "replace")
         if not hmac.compare_digest(given, self.token.encode()):
@@ -295,9 +295,9 @@ async def body_of(request: Request, most: int) -> bytes:
         The body is larger.
     """
     parts, size = [], 0
-    told = request.headers.get("content-length", "0")
-    if told.isdigit() and int(told) > most:
-        raise InvalidParameter(f"got {int(told)} bytes, expected at most {most}")
+    length = request.headers.get("content-length", "0")
+    if length.isdigit() and int(length) > most:
+        raise InvalidParameter(f"got {int(length)} bytes, expected at most {most}")
     async for part in request.stream():
         size += len(part)
         if size > most:
@@ -358,7 +358,7 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
         except (ValueError, RecursionError) as error:
             raise InvalidParameter(str(error)) from None
 
-    def told(work: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Any]:
+    def guarded(work: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Any]:
         async def wrapped(request: Request) -> Response:
             try:
                 return await work(request)
@@ -422,11 +422,11 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
     routes = [
         Route(f"/{token}/", page),
         Route(f"/{token}/assets/{{name}}", asset),
-        Route(f"/{token}/sound", told(sound), methods=["POST"]),
-        Route(f"/{token}/toml", told(toml), methods=["POST"]),
-        Route(f"/{token}/stroke", told(stroke), methods=["POST"]),
-        Route(f"/{token}/records", told(upload), methods=["POST"]),
-        Route(f"/{token}/records/{{file}}", told(remove), methods=["DELETE"]),
+        Route(f"/{token}/sound", guarded(sound), methods=["POST"]),
+        Route(f"/{token}/toml", guarded(toml), methods=["POST"]),
+        Route(f"/{token}/stroke", guarded(stroke), methods=["POST"]),
+        Route(f"/{token}/records", guarded(upload), methods=["POST"]),
+        Route(f"/{token}/records/{{file}}", guarded(remove), methods=["DELETE"]),
         WebSocketRoute(f"/{token}/socket", socket),
     ]
     return Guard(Starlette(routes=routes, lifespan=lifespan), token, hosts)
@@ -444,11 +444,11 @@ def sound_of(bench: Bench, asked: Asked) -> tuple[bytes, float | None]:
         run = simulate(turned.action(bench), stroke)
         return sampled(run.time, run.bridge_force())
 
-    own = heard(asked.turned)
+    sound = heard(asked.turned)
     if asked.minus is None:
-        return wav(own), None
-    rest = difference(own, heard(asked.minus))
-    power, left = float(np.sum(own**2)), float(np.sum(rest**2))
+        return wav(sound), None
+    rest = difference(sound, heard(asked.minus))
+    power, left = float(np.sum(sound**2)), float(np.sum(rest**2))
     return wav(rest), 10.0 * math.log10(left / power) if left > 0.0 and power > 0.0 else None
 
 

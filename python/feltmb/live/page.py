@@ -213,10 +213,10 @@ def _rules(
     for i in map(int, np.flatnonzero(values != first)):
         rules.setdefault(i, [i, 0.0, 0.0, float(values[i] - first[i]) / size])
     for size, values in moved:
-        said = first.copy()
+        expected = first.copy()
         for i, (_, scale, exp, add) in rules.items():
-            said[i] = first[i] * (1 + scale * size) * np.exp(exp * size) + add * size
-        if np.any(np.abs(said - values) > SAME * np.maximum(np.abs(values), np.abs(first))):
+            expected[i] = first[i] * (1 + scale * size) * np.exp(exp * size) + add * size
+        if np.any(np.abs(expected - values) > SAME * np.maximum(np.abs(values), np.abs(first))):
             return None
     return list(rules.values())
 

@@ -20,7 +20,7 @@ from feltmb import _core
 from feltmb.mechanism import Action, MechanismFile, describe, expand_path, parse_setting
 from feltmb.mechanism.numbers import Parameter, numbers_below, read_entry, replace_entry
 from feltmb.mechanism.values import AXES, is_bare, si_factor, split_operator, unit_in_file
-from feltmb.mechanism.workshop import plain_values, told_turns
+from feltmb.mechanism.workshop import notes_of_turns, plain_values
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.units import conversion_factor, unit_suffix
@@ -32,10 +32,10 @@ __all__ = [
     "bare_numbers",
     "find_parameters",
     "mechanism_with",
-    "told_bare_numbers",
-    "told_numbers",
-    "told_paths",
-    "with_values_told",
+    "notes_of_bare_numbers",
+    "notes_of_numbers",
+    "notes_of_paths",
+    "with_noted_values",
 ]
 
 #: Tables whose numbers are parameters of the equations of motion.
@@ -60,12 +60,12 @@ class _OfFile(Protocol):
 _M = TypeVar("_M", bound=_OfFile)
 
 
-#: Changed numbers of one setting that are told.
-TOLD = 3
+#: Changed numbers of one setting that are listed.
+SHOWN = 3
 
 
 @checked
-def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> list[str]:
+def notes_of_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> list[str]:
     """Sentences about changes by an amount or a factor, and about numbers without a unit.
 
     They state what the numbers became and what they were: changes in the unit of the file, numbers
@@ -78,7 +78,7 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
     values
         Values by dotted path, as for ``Action.with_values``.
     """
-    told = []
+    notes = []
     was = now = None
     for given, value in values.items():
         path, operator = split_operator(given)
@@ -102,11 +102,11 @@ def told_numbers(before: _OfFile, after: _OfFile, values: Mapping[str, Any]) -> 
                 before_it = f" (was {old.value:g} {p.unit})" if old is not None else ""
                 texts.append(f"{p.path} = {p.value:g} {p.unit}{before_it}")
         if texts:
-            more = f"; and {len(texts) - TOLD} more" if len(texts) > TOLD else ""
+            more = f"; and {len(texts) - SHOWN} more" if len(texts) > SHOWN else ""
             ruled = bare and any(p.unit != "1" for p, _ in at)
             rule = f". A number without a unit is in SI units{_other_units(at)}" if ruled else ""
-            told.append(f"{'; '.join(texts[:TOLD])}{more}{rule}")
-    return told
+            notes.append(f"{'; '.join(texts[:SHOWN])}{more}{rule}")
+    return notes
 
 
 def _other_units(at: Iterable[tuple[Parameter, str]]) -> str:
@@ -116,7 +116,7 @@ def _other_units(at: Iterable[tuple[Parameter, str]]) -> str:
 
 
 @checked
-def told_paths(model: _OfFile, values: Mapping[str, Iterable[Any]]) -> list[str]:
+def notes_of_paths(model: _OfFile, values: Mapping[str, Iterable[Any]]) -> list[str]:
     """Sentences about paths with numbers without a unit where the file has another unit than SI.
 
     Parameters
@@ -125,14 +125,14 @@ def told_paths(model: _OfFile, values: Mapping[str, Iterable[Any]]) -> list[str]
         Values by dotted path, as for ``sweep``.
     """
     numbers = _numbers_of(model.config)
-    told = []
+    notes = []
     for given_path, given in values.items():
         path, operator = split_operator(given_path)
         bare = operator != "*" and any(map(is_bare, given))
         at = list(_at(model, path, numbers)) if bare else []
         if other := _other_units(at):
-            told.append(f"{path}: numbers without a unit are in SI units, {at[0][0].unit}{other}")
-    return told
+            notes.append(f"{path}: numbers without a unit are in SI units, {at[0][0].unit}{other}")
+    return notes
 
 
 def _at(model: _OfFile, path: str, numbers: list[Parameter]) -> Iterator[tuple[Parameter, str]]:
@@ -173,7 +173,7 @@ def bare_numbers(model: _OfFile) -> list[tuple[Parameter, tuple[str, ...]]]:
 
 
 @checked
-def told_bare_numbers(model: _OfFile) -> tuple[list[str], list[str]]:
+def notes_of_bare_numbers(model: _OfFile) -> tuple[list[str], list[str]]:
     """Numbers without a unit as text with their SI unit, and sentences about doubtful ones.
 
     A number is doubtful if the file gives other units to the same quantity elsewhere.
@@ -190,8 +190,8 @@ def told_bare_numbers(model: _OfFile) -> tuple[list[str], list[str]]:
 
 
 @checked
-def with_values_told(
-    model: _M, settings: Sequence[str], tell: Callable[[str], None] | None = None
+def with_noted_values(
+    model: _M, settings: Sequence[str], notify: Callable[[str], None] | None = None
 ) -> _M:
     """Model of a file with the values of settings; tells what changed numbers became.
 
@@ -201,8 +201,8 @@ def with_values_told(
         A mechanism or an actuator.
     settings
         ``PATH=VALUE``, ``PATH+=AMOUNT``, ``PATH-=AMOUNT`` or ``PATH*=FACTOR``, as for ``--set``.
-    tell
-        Function that receives the sentences of :func:`told_numbers`; None: nothing is told.
+    notify
+        Function that receives the sentences of :func:`notes_of_numbers`; None: they are lost.
 
     Raises
     ------
@@ -219,14 +219,14 @@ def with_values_told(
             raise InvalidParameter(f"--set {path}: given twice, expected once")
         values[path] = value
     changed: _M = model.with_values(values)
-    if tell is not None:
+    if notify is not None:
         plain: Mapping[str, Any] = values
         if isinstance(model, Action):
-            for text in told_turns(model.config, values):
-                tell(text)
+            for text in notes_of_turns(model.config, values):
+                notify(text)
             plain = plain_values(model.config, model.raw, values)
-        for text in told_numbers(model, changed, plain):
-            tell(text)
+        for text in notes_of_numbers(model, changed, plain):
+            notify(text)
     return changed
 
 

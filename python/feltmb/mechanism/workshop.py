@@ -146,12 +146,12 @@ def turns_of(config: MechanismFile, path: str, moved: float) -> tuple[float, str
     return None
 
 
-def told_move(moved: float, unit: str, turns: tuple[float, str] | None) -> str:
+def move_text(moved: float, unit: str, turns: tuple[float, str] | None) -> str:
     """Text such as ``+0.400 mm = 0.57 turn up``; ``turns``: those of :func:`turns_of`."""
     return f"{moved:+.3f} {unit}" + ("" if turns is None else f" = {turns[0]:.2g} turn {turns[1]}")
 
 
-def told_turns(config: MechanismFile, values: Mapping[str, Any]) -> list[str]:
+def notes_of_turns(config: MechanismFile, values: Mapping[str, Any]) -> list[str]:
     """Sentences about the leads and screws of ``values``: ``capstan +0.350 mm = 0.5 turn up``."""
     told = []
     for given, value in values.items():
@@ -165,7 +165,7 @@ def told_turns(config: MechanismFile, values: Mapping[str, Any]) -> list[str]:
         if screw is not None and screw.direction is not None:
             moved = _amount(screw, name, operator, value)
             turns = turns_of(config, screw.path, moved)
-            told.append(f"{screw.label or name} {told_move(1e3 * moved, 'mm', turns)}")
+            told.append(f"{screw.label or name} {move_text(1e3 * moved, 'mm', turns)}")
     return told
 
 

@@ -207,7 +207,7 @@ def test_an_effect_that_fails_below_zero_has_a_sign():
 
 
 def test_the_diagnosis_of_a_function_names_its_unknown_parameter():
-    report = simulator().diagnose(records(), options=Options(most=1), exclude=["input force"])
+    report = simulator().diagnose(records(), options=Options(max_effects=1), exclude=["input force"])
     (named,) = report.named
     assert named.cause == "gap"
     assert abs(named.magnitude) == pytest.approx(0.3, rel=0.02)
@@ -274,7 +274,7 @@ def test_effects_are_chosen_by_name_pattern_and_component():
     model, some = simulator(), records()
     with pytest.raises(InvalidParameter, match=r"exclude: got 'gapp'.*gap"):
         model.diagnose(some, exclude="gapp")
-    report = model.diagnose(some, effects=["gap", "delay*"], options=Options(most=1))
+    report = model.diagnose(some, effects=["gap", "delay*"], options=Options(max_effects=1))
     (note,) = [n for n in report.notes if n.startswith("effects tested")]
     assert note.startswith("effects tested: 3 (1 of gap, 1 of input force, 1 of sensor x)")
 

@@ -11,7 +11,7 @@ import feltmb
 from feltmb.action.actuator import load_actuator
 from feltmb.cli import main
 from feltmb.mechanism import Action, parse_setting
-from feltmb.mechanism.parameters import bare_numbers, told_numbers, with_values_told
+from feltmb.mechanism.parameters import bare_numbers, notes_of_numbers, with_noted_values
 from feltmb.mechanism.values import apply_values
 from unmodeled.errors import InvalidParameter
 
@@ -240,7 +240,7 @@ def test_setting_without_path_or_value(text):
 
 
 def told(model, values):
-    return told_numbers(model, model.with_values(values), values)
+    return notes_of_numbers(model, model.with_values(values), values)
 
 
 def test_a_number_without_a_unit_is_in_si_units_and_it_is_told(action):
@@ -286,7 +286,7 @@ def test_a_number_without_a_unit_is_in_si_units_and_it_is_told(action):
 )
 def test_change_by_an_amount_tells_from_and_to(action, setting, path, expected):
     told = []
-    with_values_told(action, [setting], told.append)
+    with_noted_values(action, [setting], told.append)
     (text,) = told
     assert text.startswith(f"{path} {expected}")
 
@@ -345,7 +345,7 @@ def test_changes_act_in_their_order_and_everywhere(action, tmp_path):
 )
 def test_changes_that_cannot_be_made(action, settings, message):
     with pytest.raises(feltmb.InvalidParameter, match=message):
-        with_values_told(action, settings)
+        with_noted_values(action, settings)
 
 
 def test_numbers_without_a_unit_are_listed_with_the_si_unit_that_they_have(tmp_path, capsys):

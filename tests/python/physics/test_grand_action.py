@@ -338,7 +338,7 @@ def test_a_weak_spring_and_a_worn_knuckle_are_named(tmp_path, monkeypatch, capsy
     tolerances = "spring.*,joint_friction.*,let_off_button,drop_screw,capstan_height,mass.*"
     effects = "worn_knuckle,spring_preload.*,let_off_button,drop_screw,string_distance"
     command = ["gap", "blind", "grand_action", "--cases", "3", "--seed", "1", "--json"]
-    command += ["--seconds", "600", "--effect", "spring_preload.repetition_spring,worn_knuckle"]
+    command += ["--seconds", "600", "--only", "spring_preload.repetition_spring,worn_knuckle"]
     command += ["--set", f"tolerances={tolerances}"]
     command += ["--set", f"effects={effects},coulomb_friction.*"]
     with pytest.raises(SystemExit):

@@ -59,10 +59,10 @@ class Withheld:
         """One row per effect: cases, median signal-to-noise ratio, number of each outcome."""
         out = []
         for name in dict.fromkeys(c.effect for c in self.cases):
-            own = [c for c in self.cases if c.effect == name]
-            row: dict[str, Any] = {"effect": name, "cases": len(own)}
-            row["signal_to_noise"] = float(np.median([c.signal_to_noise for c in own]))
-            out.append(row | {word: sum(c.outcome == word for c in own) for word in OUTCOMES})
+            cases = [c for c in self.cases if c.effect == name]
+            row: dict[str, Any] = {"effect": name, "cases": len(cases)}
+            row["signal_to_noise"] = float(np.median([c.signal_to_noise for c in cases]))
+            out.append(row | {word: sum(c.outcome == word for c in cases) for word in OUTCOMES})
         return out
 
     def as_dict(self) -> dict[str, Any]:
@@ -83,14 +83,14 @@ def _share(hits: int, count: int) -> tuple[float, float, float, int]:
 
 def _outcome(effect: str, result: Result) -> str:
     """One of :data:`OUTCOMES`, given the name of the withheld effect."""
-    told = [(n,) for n in result.named] + list(result.classes)
-    if not told:
+    answer = [(n,) for n in result.named] + list(result.classes)
+    if not answer:
         quiet = "silent" if effect else "quiet"
         return "unknown" if result.verdict is Verdict.UNKNOWN else quiet
     if not effect:
         return "false alarm"
-    found = len(told) == 1 and effect in {n.cause for n in told[0]}
-    return "wrong" if not found else "right" if result.named else "class"
+    contained = len(answer) == 1 and effect in {n.cause for n in answer[0]}
+    return "wrong" if not contained else "right" if result.named else "class"
 
 
 @checked
@@ -196,25 +196,27 @@ class _Machine:
         for e in (e for e in self.effects if e.name == case.effect):
             if e.tolerance_parameter in true:  # one number has both deviations
                 true[e.tolerance_parameter] += e.tolerance_ratio * case.magnitude
-        told = [(n,) for n in report.named] + list(report.classes)
+        answer = [(n,) for n in report.named] + list(report.classes)
         within = [p.low <= true[p.name] <= p.high for p in report.parameters]
-        within += [n.low <= case.magnitude <= n.high for group in told for n in group
+        within += [n.low <= case.magnitude <= n.high for group in answer for n in group
                    if n.cause == case.effect and not n.parameter]  # fmt: skip
         return replace(
             case,
             outcome=_outcome(case.effect, report),
             verdict=report.verdict.name,
-            told=tuple(tuple(n.cause for n in group) for group in told),
+            answer=tuple(tuple(n.cause for n in group) for group in answer),
             covered=int(sum(within)),
             intervals=len(within),
         )
 
     def _parameters(self, rng: np.random.Generator) -> Array:
         """Parameters from their priors."""
-        z, own = rng.standard_normal(self.theta.size), self.problem.model.parameters
+        z, parameters = rng.standard_normal(self.theta.size), self.problem.model.parameters
         drawn = [p.value + p.sd * v if math.isfinite(p.sd) else known
-                 for p, known, v in zip(own, self.theta, z, strict=True)]  # fmt: skip
-        return np.asarray(np.clip(drawn, [p.lower for p in own], [p.upper for p in own]))
+                 for p, known, v in zip(parameters, self.theta, z, strict=True)]  # fmt: skip
+        return np.asarray(
+            np.clip(drawn, [p.lower for p in parameters], [p.upper for p in parameters])
+        )
 
     def _records(
         self, theta: Array, given: _Given, rng: np.random.Generator
@@ -226,10 +228,10 @@ class _Machine:
             record, start = observed.as_measured, known.copy()
             for q in (q for q in observed.local if q.kind == "start" and q.weight > 1e-4):
                 start[q.index] = q.mean + q.scale * rng.standard_normal()
-            own = theta + [p.process_sd * rng.standard_normal() for p in model.parameters]
-            clean, y = (_outputs(model, record, own, start, some) for some in ((), given))
+            perturbed = theta + [p.process_sd * rng.standard_normal() for p in model.parameters]
+            clean, y = (_outputs(model, record, perturbed, start, some) for some in ((), given))
             outputs: dict[str, Array] = {}
-            late: dict[tuple[str, float], float] = {}
+            drawn: dict[tuple[str, float], float] = {}
             for c, name in zip(self.problem.channels, self.problem.names, strict=True):
                 if name not in record.outputs:
                     continue
@@ -241,7 +243,9 @@ class _Machine:
                     )
                 change = (y[:, c] - clean[:, c]) / noise_of_channel(record, name).sd(clean[:, c])
                 square += float(np.sum(change[measured] ** 2))
-                outputs[name] = np.where(measured, _seen(record, name, y[:, c], late, rng), np.nan)
+                outputs[name] = np.where(
+                    measured, _readings(record, name, y[:, c], drawn, rng), np.nan
+                )
             inputs = {k: u + record.input_sigma.get(k, 0.0) * rng.standard_normal(u.size)
                       for k, u in record.inputs.items()}  # fmt: skip
             sensors = {k: v for k, v in record.sensors.items() if k in outputs}
@@ -286,24 +290,24 @@ def _outputs(model: Model, record: Record, theta: Array, start: Array, given: _G
     return observe(model, record, theta, np.array(states), included, sizes)
 
 
-def _seen(
+def _readings(
     record: Record,
     name: str,
     y: Array,
-    late: dict[tuple[str, float], float],
+    drawn: dict[tuple[str, float], float],
     rng: np.random.Generator,
 ) -> Array:
     """Readings of a sensor with its unknown errors and its noise.
 
-    ``late``: sizes of faults that channels have together, by fault and standard deviation.
+    ``drawn``: sizes of faults that are common to channels, by fault and standard deviation.
     """
     sensor = record.sensors[name]
     for kind, sd in sensor.unknown.items():
-        fault, size = fault_of(kind), late.get((kind, sd))
+        fault, size = fault_of(kind), drawn.get((kind, sd))
         if size is None:
             size = float(sd * rng.standard_normal())
-        if fault.together:
-            late[kind, sd] = size
+        if fault.common:
+            drawn[kind, sd] = size
         y = fault.act(record, y[None], size)[0]
     noise = noise_of_channel(record, name).without_rounding(sensor.quantum)
     y = y + noise.draw(record.time, rng, y)

@@ -278,17 +278,17 @@ def load_model(
         model = make(path, parameters=parameters, unknown=unknown or None)
         return LoadedModel(model, default=True)
     for extension in extensions():
-        found = extension.load(name, settings or {}, channels, notify)
-        if found is None:
+        loaded = extension.load(name, settings or {}, channels, notify)
+        if loaded is None:
             continue
         given = {"settings": dict(settings or {}), "channels": tuple(channels)}
-        found.model.origin = Origin("load_model", name, given)
+        loaded.model.origin = Origin("load_model", name, given)
         if parameters or unknown:
             raise InvalidParameter(
                 f"{name}: has its own parameters; --set changes their values, instead of "
                 "--parameter and --unknown"
             )
-        return found
+        return loaded
     from unmodeled.data.columns import MEASURED_FILES
 
     measured = kind in MEASURED_FILES
@@ -313,7 +313,7 @@ def _from_file(
     from unmodeled.fit.model import Origin
 
     names = _executed(path)
-    found = names.get(attribute or "model")
+    defined = names.get(attribute or "model")
     model = _model_of(path, names, attribute or "model", parameters, unknown)
     given = names.get("effects")
     made = given if callable(given) else None
@@ -324,10 +324,10 @@ def _from_file(
     if faults:
         raise InvalidParameter(f"{path}: " + "; ".join(map(str, faults)))
     assert isinstance(model, Model)
-    place, own = f"{path.absolute()}:{attribute or 'model'}", model.origin
-    if own is not None and own.made_by == "Simulator" and not isinstance(found, Model):
-        model.origin = replace(own, name=place)
-    elif own is None or own.made_by == "Simulator" or given is not None:
+    place, origin = f"{path.absolute()}:{attribute or 'model'}", model.origin
+    if origin is not None and origin.made_by == "Simulator" and not isinstance(defined, Model):
+        model.origin = replace(origin, name=place)
+    elif origin is None or origin.made_by == "Simulator" or given is not None:
         model.origin = Origin("load_model", place)
     planned = tuple(names.get("planned", ()))
     return LoadedModel(model, effects, planned, made=made, default=given is None)

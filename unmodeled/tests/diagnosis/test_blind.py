@@ -62,7 +62,7 @@ def test_effects_that_act_alike_are_a_class_and_a_weak_one_is_silent(spring, cau
     weak = dataclasses.replace(hardening, scale=1e-3)
     found = withhold(spring, [*alike, weak], records, cases=4, seed=1)
     assert [c.outcome for c in found.cases] == ["quiet", "class", "class", "silent"]
-    assert set(found.cases[1].told[0]) == {"one", "other"}
+    assert set(found.cases[1].answer[0]) == {"one", "other"}
     assert found.cases[3].signal_to_noise < 1.0
     assert found.shares()["class"][::3] == (1.0, 2)  # the weak one does not count
 
@@ -73,7 +73,7 @@ def test_an_effect_that_the_diagnosis_takes_for_another_is_wrong(spring, causes,
     likely = dataclasses.replace(preload, name="likely", weight=1e4)
     found = withhold(spring, [preload, likely], records, only=["preload"], seed=1)
     assert [c.outcome for c in found.cases] == ["quiet", "wrong"]
-    assert found.cases[1].told == (("likely",),)
+    assert found.cases[1].answer == (("likely",),)
 
 
 def test_a_case_that_fails_is_told_and_the_others_go_on(spring, causes, records):
@@ -178,12 +178,12 @@ def test_the_command_writes_what_it_prints(tmp_path, capsys, root):
     data = sorted((folder / "data").glob("emps_*.csv"))
     arguments = ["blind", str(folder / "emps.py"), *map(str, data)]
     with pytest.raises(SystemExit) as end:
-        main([*arguments, "--effect", "dry friction", "-o", str(tmp_path / "b"), "--json"])
+        main([*arguments, "--only", "dry friction", "-o", str(tmp_path / "b"), "--json"])
     assert not end.value.code
     printed = json.loads(capsys.readouterr().out)
     assert printed == json.loads((tmp_path / "b" / "blind.json").read_text())
     assert printed["cases"][1]["outcome"] == "right"
     with pytest.raises(SystemExit) as end:
-        main([*arguments, "--effect", "no such"])
+        main([*arguments, "--only", "no such"])
     assert end.value.code == 2
     assert "no effect no such" in capsys.readouterr().err

@@ -20,7 +20,7 @@ from unmodeled.search.records import check_records
 from . import models
 
 POINTS = ("key_front.y", "hammer_tip.x")
-QUICK = unmodeled.Options(tries=2, most=1)
+QUICK = unmodeled.Options(tries=2, max_effects=1)
 
 
 def command(*arguments):
@@ -130,10 +130,10 @@ def straight(factor, sd=0.1):
 @pytest.mark.parametrize(
     ("factor", "kind", "told"),
     [
-        (10.0, "unit", "mm labeled as cm"),
-        (0.1, "unit", "cm labeled as mm"),
-        (1.13e3, "unit", "mm labeled as m"),
-        (28.6, "unit", "mm labeled as inches"),
+        (10.0, "unit", "times the model in all records: is its unit another one"),
+        (0.1, "unit", "is its unit another one"),
+        (1.13e3, "unit", "is 1130 times the model in all records: is its unit"),
+        (28.6, "unit", "is its unit another one"),
         (-1.12, "sign", "the other direction"),
     ],
 )
@@ -154,7 +154,7 @@ def test_a_wrong_unit_of_one_record_is_found():
     wrong = replace(straight(1e3)[1][0], name="w")
     (hint,) = unmodeled.check(model, [right, wrong, held_out]).hints
     assert hint.sure
-    assert "in record w: mm labeled as m" in hint.text
+    assert "times the model in record w: is its unit another one" in hint.text
 
 
 def test_factors_that_differ_or_are_no_unit_are_not_told():
@@ -167,10 +167,9 @@ def test_factors_that_differ_or_are_no_unit_are_not_told():
 def test_a_unit_belongs_to_its_quantity():
     model, records = straight(9.81)
     newtons = [replace(r, sensors={"y": Sensor(name="y", unit="N", sigma=1e-3)}) for r in records]
-    (of_length,) = unmodeled.check(model, records).hints
-    (of_force,) = unmodeled.check(model, newtons).hints
-    assert "mm labeled as cm" in of_length.text
-    assert "N labeled as kgf" in of_force.text
+    volts = [replace(r, sensors={"y": Sensor(name="y", unit="V", sigma=1e-3)}) for r in records]
+    assert kinds(model, records) == kinds(model, newtons) == [("unit", True)]
+    assert kinds(model, volts) == []
 
 
 def test_a_factor_that_a_parameter_may_be_is_no_certain_unit():
@@ -179,7 +178,7 @@ def test_a_factor_that_a_parameter_may_be_is_no_certain_unit():
     model, records = straight(10.0, 5.0)
     report = unmodeled.diagnose(model, [], records, options=QUICK)
     assert report.parameters[0].value == pytest.approx(10.0, rel=0.01)
-    assert any("mm labeled as cm" in n for n in report.notes)
+    assert any("is its unit another one" in n for n in report.notes)
 
 
 def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0, start_sd=0.5):
@@ -218,12 +217,12 @@ def heated(change_input=1.0, scale=(1.0, 0.0), gain=1.0, start_sd=0.5):
     [
         ({"change_input": 1e-3}, "input", "1000 times the values of P"),
         ({"change_input": 1e3}, "input", "0.001 times the values of P"),
-        ({"change_input": -1.0}, "input", "-1 times the values of P: the other direction"),
-        ({"scale": (1.0, 273.15)}, "scale", "K labeled as degC"),
-        ({"scale": (1.8, 32.0)}, "scale", "degF labeled as degC"),
+        ({"change_input": -1.0}, "input", "-1 times the values of P: has it the other direction"),
+        ({"scale": (1.0, 273.15)}, "scale", "another scale of temperature"),
+        ({"scale": (1.8, 32.0)}, "scale", "another scale of temperature"),
         # The label of the file is not the unit of the model.
-        ({"scale": (1.0, -273.15)}, "scale", "degC labeled as K"),
-        ({"scale": (1.0 / 1.8, -32.0 / 1.8)}, "scale", "degC labeled as degF"),
+        ({"scale": (1.0, -273.15)}, "scale", "another scale of temperature"),
+        ({"scale": (1.0 / 1.8, -32.0 / 1.8)}, "scale", "another scale of temperature"),
     ],
 )
 def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
@@ -232,15 +231,12 @@ def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
     assert told in hint.text
 
 
-@pytest.mark.parametrize(
-    ("scale", "told"),
-    [((1.0, 273.15), "K labeled as degC"), ((1.0, -273.15), "degC labeled as K")],
-)
-def test_a_start_that_is_not_known_does_not_hide_a_scale_of_temperature(scale, told):
+@pytest.mark.parametrize("zero", [273.15, -273.15])
+def test_a_start_that_is_not_known_does_not_hide_a_scale_of_temperature(zero):
     """The diagnosis named a constant inflow."""
-    (hint,) = unmodeled.check(*heated(scale=scale, start_sd=1e3)).hints
+    (hint,) = unmodeled.check(*heated(scale=(1.0, zero), start_sd=1e3)).hints
     assert (hint.kind, hint.sure) == ("scale", True)
-    assert told in hint.text
+    assert f"zero at {zero:.5g}" in hint.text
     assert unmodeled.check(*heated(start_sd=1e3)).hints == ()
 
 
@@ -272,20 +268,19 @@ def test_uncertain_start_states_do_not_hide_a_wrong_unit():
         wrong.append(replace(empty, outputs={"angle": angle + noise}, sensors={"angle": sensor}))
     found = unmodeled.check(model, wrong)
     assert [(h.kind, h.sure) for h in found.hints] == [("unit", True)]
-    assert "degrees labeled as rad" in found.hints[0].text
+    assert "is its unit another one" in found.hints[0].text
 
 
 # ---------------------------------------------------------------- clocks
 
 
-@pytest.mark.parametrize(
-    ("factor", "told"),
-    [(1.0 / 60.0, "minutes labeled as s"), (60.0, "s labeled as min")],
-)
-def test_a_clock_in_a_wrong_unit_is_found(factor, told):
+@pytest.mark.parametrize("factor", [1.0 / 60.0, 60.0])
+def test_a_clock_in_a_wrong_unit_is_found(factor):
     model, records = heated()
     wrong = [replace(r, time=factor * r.time) for r in records]
-    with pytest.raises(DataError, match=f"unit of time .*{told}"):
+    with pytest.raises(
+        DataError, match=f"clock {1.0 / factor:.4g} times as long: is the unit of time"
+    ):
         unmodeled.diagnose(model, [], wrong)
 
 

@@ -11,7 +11,7 @@ from unmodeled.data import Record, Sensor, read_record
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.loading import load_model
 
-QUICK = unmodeled.Options(tries=2, most=1)
+QUICK = unmodeled.Options(tries=2, max_effects=1)
 
 MODEL = """
 from unmodeled import Coordinate, Equations, Parameter, State, candidates, library
@@ -122,7 +122,7 @@ def test_a_wrong_unit_of_a_single_record_is_refused(tmp_path):
     adapter = load(tmp_path, DOOR + EFFECTS)
     first = motion(1e3, 1)[0]
     wrong = replace(first, sensors={"table": Sensor(name="table", unit="m", sigma=0.1)})
-    with pytest.raises(DataError, match="times the model in all records: mm labeled as m"):
+    with pytest.raises(DataError, match="times the model in all records: is its unit"):
         unmodeled.diagnose(adapter.model, (), [wrong])
 
 

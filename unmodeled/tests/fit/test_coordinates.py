@@ -88,7 +88,7 @@ def test_a_speed_without_a_position_has_friction():
     laws = ["dry", "one-sided", "Stribeck", "viscous", "quadratic"]
     expected = [*(f"{law} friction w" for law in laws), "constant force w", "friction by torque w"]
     assert [e.name for e in inside] == expected
-    (named,) = model.diagnose([record], options=Options(most=2, tries=4)).named
+    (named,) = model.diagnose([record], options=Options(max_effects=2, tries=4)).named
     assert (named.cause, named.unit) == ("dry friction w", "N m")
     assert named.low < 0.03 < named.high
 

@@ -151,7 +151,9 @@ def test_the_command_line_and_python_give_the_function_the_same(tmp_path):
 
 def test_the_answer_of_a_diagnosis_is_in_the_unit_of_the_function():
     for units, unit, mass in ((None, "kg", 2.0), ({"m": "lb"}, "lb", 4.5)):
-        report = simulator([], units).diagnose(records(mass), effects=[], options=Options(most=1))
+        report = simulator([], units).diagnose(
+            records(mass), effects=[], options=Options(max_effects=1)
+        )
         (p,) = report.parameters
         assert (p.value, p.unit) == (pytest.approx(mass, rel=1e-3), unit)
 

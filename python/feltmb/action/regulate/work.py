@@ -15,7 +15,7 @@ from feltmb.action.regulate.solving import solve
 from feltmb.action.regulate.targets import MEASURES, Step, Targets, default_targets, load_targets
 from feltmb.mechanism import Action, load_action
 from feltmb.mechanism.values import tidy
-from feltmb.mechanism.workshop import told_move, turns_of
+from feltmb.mechanism.workshop import move_text, turns_of
 from unmodeled.arguments import checked
 
 
@@ -45,7 +45,7 @@ class Row:
     def moved(self) -> str:
         """The turn as text, such as ``+0.400 mm = 0.57 turn up``."""
         turns = None if self.turns is None else (self.turns, self.turn_word)
-        return told_move(self.turned, self.turn_unit, turns)
+        return move_text(self.turned, self.turn_unit, turns)
 
 
 @dataclass(frozen=True, eq=False)

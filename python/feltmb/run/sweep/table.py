@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from feltmb.display import html_table
 from feltmb.mechanism import Action, load_action, plain_data
-from feltmb.mechanism.parameters import told_paths
+from feltmb.mechanism.parameters import notes_of_paths
 from feltmb.mechanism.values import apply_values, split_operator
 from feltmb.run.arrays import summary_unit, table_to_dataset
 from feltmb.run.options import OPTIONS, RunOptions, check_options, options_given
@@ -200,7 +200,7 @@ def sweep(
             bar.step(member.name)
     return SweepResult(
         _table(rows, outcomes, pd),
-        tuple(told_paths(base, _plain(values))),
+        tuple(notes_of_paths(base, _plain(values))),
         tuple(m.save_run for m in members) if not summary_only else (),
         _units(base, names, values),
     )

@@ -68,7 +68,7 @@ class Fault:
     """Unit of the size; "": that of the signal."""
     place: float = 5.0
     """Place in the chain: lag 1, delay 2, gain 3, offset 4, others 5."""
-    together: bool = False
+    common: bool = False
     """Whether the channels of a record with one uncertainty have one size, as those of a clock."""
     stated: bool = True
     """Whether a sensor may state its size without a shape."""

@@ -38,7 +38,7 @@ class Delay(Fault):
     shape "zero", the machine was at rest.
     """
 
-    name, unit, place, together, always = "delay", "s", 2.0, True, True
+    name, unit, place, common, always = "delay", "s", 2.0, True, True
     sensor = ("The sensor is late.", "Synchronize the clocks.")
     input = (
         "The input acts later or earlier than recorded: the clocks differ, or the drive is slow "
@@ -72,7 +72,7 @@ class Delay(Fault):
 class Clock(Fault):
     """reading(t) = y(t + size t), with the time counted from the first sample."""
 
-    name, place, together = "clock", 0.0, True
+    name, place, common = "clock", 0.0, True
 
     def _moments(self, run: Run, y: Array, size: float) -> tuple[Array, Array]:
         time = run.time[: y.shape[1]]

@@ -90,8 +90,8 @@ def run(
     options: Options = fields_of(
         "unmodeled.search.options:Options",
         credibility=CREDIBILITY,
-        missing={"words": "--prior", "type": Number(0, 1, min_open=True, max_open=True)},
-        most={"words": "--max-effects", "type": count(1, 12)},
+        prior={"type": Number(0, 1, min_open=True, max_open=True)},
+        max_effects={"type": count(1, 12)},
         seconds=SECONDS,
     ),
     good_enough: tuple[str, ...] = option(
@@ -340,7 +340,6 @@ def blind(
     seed: int = SEED,
     only: tuple[str, ...] = option(
         "Effect that is withheld; default: each effect in turn. All effects are candidates.",
-        words="--effect",
         metavar="EFFECT",
         complete=effects,
     ),

@@ -51,11 +51,11 @@ MEASURED = option(
 def _delays(texts: Sequence[str]) -> dict[str, float]:
     from unmodeled.units import si_value
 
-    given = pairs("--time-offset", texts, "[CHANNEL=]TIME", bare=True)
+    given = pairs("--delay", texts, "[CHANNEL=]TIME", bare=True)
     delays = {channel: si_value(text) for channel, text in given.items()}
     wrong = [t for t, value in zip(texts, delays.values(), strict=True) if value is None]
     if wrong:
-        raise InvalidParameter(f"--time-offset {wrong[0]}: expected a time such as 12ms")
+        raise InvalidParameter(f"--delay {wrong[0]}: expected a time such as 12ms")
     return {channel: value for channel, value in delays.items() if value is not None}
 
 
@@ -100,11 +100,6 @@ READING = fields_of(
         "convert": lambda texts: pairs("--scale", texts, "[CHANNEL=]LENGTH", bare=True),
     },
     origins={"words": "--origin", "metavar": "[CHANNEL=]VALUE", "convert": _origins},
-    down={
-        "words": "--y-up",
-        "text": "The y pixels count upward; default: downward.",
-        "convert": lambda up: False if up else None,
-    },
     periods={
         "words": "--period",
         "metavar": "CHANNEL=PERIOD",
@@ -112,7 +107,7 @@ READING = fields_of(
     },
     references={"words": "--reference", "metavar": "[CHANNEL=]KIND", "convert": _references},
     frame_rate={"type": positive("Hz")},
-    delays={"words": "--time-offset", "metavar": "[CHANNEL=]TIME", "convert": _delays},
+    delays={"words": "--delay", "metavar": "[CHANNEL=]TIME", "convert": _delays},
     run={"metavar": "COLUMN"},
     missing={"metavar": "NUMBER", "convert": _numbers},
     likelihood={"type": Number(0, 1)},

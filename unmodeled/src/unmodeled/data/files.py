@@ -86,14 +86,14 @@ def read(
     options = options or ReadOptions()
     options = replace(options, units={**options.units, **(units or {})})
     if outputs:
-        found = read_records(paths, inputs=inputs, outputs=outputs, options=options)
+        records = read_records(paths, inputs=inputs, outputs=outputs, options=options)
     else:
-        found = tuple(
+        records = tuple(
             r.with_columns_as_inputs({n: n for n in inputs})
             for group in read_each(paths, options=options)
             for r in group
         )
-    return tuple(r.with_noise(sigma) for r in found) if sigma else found
+    return tuple(r.with_noise(sigma) for r in records) if sigma else records
 
 
 def _fitting(given: str | Path) -> list[Path]:
@@ -105,13 +105,13 @@ def _fitting(given: str | Path) -> list[Path]:
         there = Path(path.anchor).glob(str(path.relative_to(path.anchor)))
     else:
         return [path]
-    found = sorted(p for p in there if p.suffix.lower() in MEASURED_FILES)
-    if not found:
+    files = sorted(p for p in there if p.suffix.lower() in MEASURED_FILES)
+    if not files:
         raise DataError(
             f"{shortened(str(given))}: no measured file ({', '.join(MEASURED_FILES)}) fits; the "
             f"folder is {Path.cwd()}"
         )
-    return found
+    return files
 
 
 @checked
@@ -160,18 +160,18 @@ def read_each(
 
     ``kept``: columns of files that were read before, and are not read again.
     """
-    found, faults = [], []
+    groups, faults = [], []
     signals, options = signals or Signals(), options or ReadOptions()
     for path in map(Path, paths):
         try:
-            found.append(_read_file(path, signals, options, (kept or {}).get(path)))
+            groups.append(_read_file(path, signals, options, (kept or {}).get(path)))
         except DataError as error:
             faults.append(str(error))
     if faults:
         raise DataError("\n".join(faults))
-    if not found:
+    if not groups:
         raise DataError("no measured files were given")
-    return tuple(found)
+    return tuple(groups)
 
 
 @checked
@@ -216,10 +216,10 @@ def read_record(
         The file has faults, all listed in the message, or it holds several runs.
     """
     signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
-    found = _read_file(Path(path), signals, options or ReadOptions())
-    if len(found) > 1:
-        raise DataError(f"{path}: holds {len(found)} runs, expected one; read_records reads them")
-    return found[0]
+    records = _read_file(Path(path), signals, options or ReadOptions())
+    if len(records) > 1:
+        raise DataError(f"{path}: holds {len(records)} runs, expected one; read_records reads them")
+    return records[0]
 
 
 def read_sheet(path: Path) -> Sheet | None:
@@ -440,14 +440,14 @@ def _series(
             "--scale 0.21mm, in Python scales of ReadOptions)"
         )
         return empty
-    found = conversion(unit, spec.si, model)
-    if found is None:
+    converted = conversion(unit, spec.si, model)
+    if converted is None:
         expected = "give its si and factor"
         if spec.si:
             expected = f"expected one of {spec.si}{weight_hint(unit, spec.si)}"
         faults.append(f"column {shown}: unit {shortened(unit)!r} is unknown; {expected}")
         return empty
-    zero, factor, si = found
+    zero, factor, si = converted
     values = columns.values[key]
     if spec.period != "":
         period = _period(spec.period, unit)
@@ -495,14 +495,14 @@ def _unlikely(sheet: Sheet, columns: Columns) -> list[str]:
 
 def _period(period: float | str, unit: str) -> float | None:
     """Period in the unit of the file; None if it is none."""
-    number, own = (
+    length, unit_of_period = (
         split_quantity(period) or (math.nan, "") if isinstance(period, str) else (period, "")
     )
     try:
-        number *= conversion_factor(own, unit or "1") if own else 1.0
+        length *= conversion_factor(unit_of_period, unit or "1") if unit_of_period else 1.0
     except InvalidParameter:
         return None
-    return number if 0.0 < number < math.inf else None
+    return length if 0.0 < length < math.inf else None
 
 
 #: A length, and two points of the picture that are so far apart.
@@ -523,10 +523,12 @@ def _scale(scale: float | str) -> tuple[float, str] | None:
         except ValueError:
             return None
         scale, apart = points["length"], math.hypot(x1 - x0, y1 - y0)
-    found = split_quantity(scale)
-    if found is None or not (math.isfinite(found[0]) and found[0] and 0.0 < apart < math.inf):
+    quantity = split_quantity(scale)
+    if quantity is None or not (
+        math.isfinite(quantity[0]) and quantity[0] and 0.0 < apart < math.inf
+    ):
         return None
-    return found[0] / apart, found[1] or "m"
+    return quantity[0] / apart, quantity[1] or "m"
 
 
 #: Units of clocks that count from 1970, with a value that the larger units do not reach before the

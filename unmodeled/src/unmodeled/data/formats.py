@@ -102,14 +102,14 @@ def columns_of_frame(
         clock = str(index.name or time or "time")
         parts[:0] = [] if clock in headings else [(clock, index.to_series())]
     counted = _COUNTERS if "episode_index" in frame else ()
-    seen: dict[str, str] = {}
+    heading_of: dict[str, str] = {}
     for heading, series in parts:
         name, unit = split_column(plain_text(heading))
-        if name in seen:
+        if name in heading_of:
             raise DataError(
-                f"column {name} is there twice ({seen[name]!r} and {heading!r}): rename one"
+                f"column {name} is there twice ({heading_of[name]!r} and {heading!r}): rename one"
             )
-        seen[name] = heading
+        heading_of[name] = heading
         kind = series.dtype.kind
         if name in counted:
             columns.left_out[name] = "a counter"
@@ -161,8 +161,8 @@ def _features(path: Path) -> dict[str, list[str]]:
     for folder in list(path.absolute().parents)[:4]:
         listed = folder / "meta" / "info.json"
         if is_file(listed):
-            found = read_json(listed)
-            features = found.get("features") if isinstance(found, dict) else None
+            info = read_json(listed)
+            features = info.get("features") if isinstance(info, dict) else None
             if not isinstance(features, dict):
                 return {}
             named = {k: v.get("names") for k, v in features.items()}
@@ -182,7 +182,7 @@ def read_messages(path: Path) -> Columns:
     topic with the most messages.
     """
     columns = Columns()
-    seen: dict[str, tuple[list[int], list[dict[str, float]]]] = {}
+    topics: dict[str, tuple[list[int], list[dict[str, float]]]] = {}
     count = 0
     with reading(path, "MCAP", "mcap", "mcap"):
         from mcap.reader import make_reader
@@ -198,10 +198,10 @@ def read_messages(path: Path) -> Columns:
             count += len(values) + 1
             if count > MOST_NUMBERS:
                 raise DataError(f"{path}: more than {MOST_NUMBERS} numbers; {limit_text()}")
-            times, rows = seen.setdefault(topic, ([], []))
+            times, rows = topics.setdefault(topic, ([], []))
             times.append(message.log_time)
             rows.append(values)
-    _merge(columns, seen)
+    _merge(columns, topics)
     return columns
 
 
@@ -247,14 +247,18 @@ def _numbers(message: Any, name: str) -> Iterator[tuple[str, float]]:
                 yield from _numbers(value, place)
 
 
-def _merge(columns: Columns, seen: Mapping[str, tuple[list[int], list[dict[str, float]]]]) -> None:
+def _merge(
+    columns: Columns, topics: Mapping[str, tuple[list[int], list[dict[str, float]]]]
+) -> None:
     """Join the topics on the times of the one with the most messages, where all of them are."""
-    used = {topic: found for topic, found in seen.items() if len(found[0]) > 1}
-    columns.left_out |= {topic: "one message" for topic in seen.keys() - used.keys()}
+    used = {topic: samples for topic, samples in topics.items() if len(samples[0]) > 1}
+    columns.left_out |= {topic: "one message" for topic in topics.keys() - used.keys()}
     if not used:
         return
     origin = min(times[0] for times, _ in used.values())
-    clocks = {t: np.array([1e-9 * (at - origin) for at in found[0]]) for t, found in used.items()}
+    clocks = {
+        t: np.array([1e-9 * (at - origin) for at in samples[0]]) for t, samples in used.items()
+    }
     main = max(clocks, key=lambda t: clocks[t].size)
     begin, end = max(c[0] for c in clocks.values()), min(c[-1] for c in clocks.values())
     clock = clocks[main][(clocks[main] >= begin) & (clocks[main] <= end)]

@@ -106,8 +106,8 @@ def record_from_frame(
     if faults := [*faults, *columns.faults(shown)]:
         raise DataError(fault_text(name, faults, most=10))
     driven = {n: InputSpec(sigma=sigma.get(n, 0.0), unit=units.get(n, "")) for n in inputs}
-    seen = {n: OutputSpec(sigma=sigma.get(n), unit=units.get(n, "")) for n in shown}
-    sheet = Sheet(name=name, time=time, inputs=driven, outputs=seen)
+    specs = {n: OutputSpec(sigma=sigma.get(n), unit=units.get(n, "")) for n in shown}
+    sheet = Sheet(name=name, time=time, inputs=driven, outputs=specs)
     return build_records(Path(name), sheet, columns, {}, guessed=True)[0]
 
 

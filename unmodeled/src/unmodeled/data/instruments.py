@@ -39,11 +39,13 @@ def _stated(table: Table, words: str, unit: str) -> float | None:
     """Number of the first of these settings [unit]; None: there is none."""
     plain = [plain_name(w) for w in words.split(",")]
     for values in (table.settings[w] for w in plain if w in table.settings):
-        found = number_and_unit(values[0].replace(",", ".") if table.decimal == "," else values[0])
-        if found is not None:
-            known = spelled_unit(found[1] or " ".join(values[1:2])) or unit
+        quantity = number_and_unit(
+            values[0].replace(",", ".") if table.decimal == "," else values[0]
+        )
+        if quantity is not None:
+            known = spelled_unit(quantity[1] or " ".join(values[1:2])) or unit
             try:
-                return found[0] * conversion_factor(known, unit)
+                return quantity[0] * conversion_factor(known, unit)
             except InvalidParameter:
                 continue
     return None
@@ -112,12 +114,12 @@ def _add_clock(columns: Columns, table: Table, first: str) -> None:
 
 def without_monitor(lines: Lines) -> Lines:
     """Lines of a serial monitor as a table: ``12:30:05.250 -> 1.23,4.56``; others as they are."""
-    found = [_MONITOR.fullmatch(text) for text in lines.texts]
-    stamped = [m for m in found if m is not None]
+    matches = [_MONITOR.fullmatch(text) for text in lines.texts]
+    stamped = [m for m in matches if m is not None]
     if 2 * len(stamped) < len(lines) or len(stamped) < 2:
         return lines
     rows = [m[2] for m in stamped]
-    numbers = lines.numbers[[m is not None for m in found]]
+    numbers = lines.numbers[[m is not None for m in matches]]
     separator, decimal = style_of(Lines(rows, numbers))
     cells = [row.split(separator) for row in rows]
     pairs = [_NAMED.fullmatch(c) for c in cells[-1]]
@@ -158,9 +160,9 @@ def workbook_lines(path: Path) -> tuple[Lines, list[str]]:
     chosen = max(sheets, key=lambda name: sheets[name][0])
     others = [name for name, (numbers, _, _) in sheets.items() if numbers and name != chosen]
     _, texts, rows = sheets[chosen]
-    said = f"sheet {shortened(chosen)} is read, not {shortened(', '.join(others), 200)}"
+    note = f"sheet {shortened(chosen)} is read, not {shortened(', '.join(others), 200)}"
     lines = Lines(texts, np.array(rows, dtype=np.intp), style=("\t", "."))
-    return lines, [said] * bool(others)
+    return lines, [note] * bool(others)
 
 
 def _sheet_lines(

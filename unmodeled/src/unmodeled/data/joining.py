@@ -109,7 +109,7 @@ def align_clocks(first: Record, second: Record) -> tuple[Clocks, float]:
 
 def _begins(record: Record) -> Array:
     """Times at which the first channel of a record passes each level [s]."""
-    found = []
+    times = []
     for values in (*record.inputs.values(), *record.outputs.values()):
         good = np.isfinite(values)
         time, y = record.time[good], np.abs(values[good] - np.median(values[good][:REST]))
@@ -118,13 +118,13 @@ def _begins(record: Record) -> Array:
         noise = NOISE * float(np.std(y[:REST])) + 1e-12 * float(y.max())
         rows = [_stays_above(y, max(level * float(y.max()), noise)) for level in (0.0, *BEGIN)]
         if min(rows) > 2 * REST:  # sooner, it moved in the rest already
-            found.append([float(time[row]) for row in rows])
-    if not found:
+            times.append([float(time[row]) for row in rows])
+    if not times:
         raise DataError(
             f"join: {record.name} does not begin at rest, or nothing moves in it, so that it "
             "cannot be aligned; tell one event that both have seen (same, --same TIME=TIME)"
         )
-    return np.asarray(np.min(found, axis=0))
+    return np.asarray(np.min(times, axis=0))
 
 
 def _stays_above(y: Array, level: float) -> int:

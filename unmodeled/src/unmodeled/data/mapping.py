@@ -79,8 +79,8 @@ def run_column(columns: Columns, specified: str = "") -> str:
 
 
 def _one_of(columns: Columns, words: Sequence[str], texts: Iterable[str] = ()) -> str:
-    found = [c for c in (*columns.values, *texts) if plain_name(c) in words]
-    return found[0] if len(found) == 1 else ""
+    matches = [c for c in (*columns.values, *texts) if plain_name(c) in words]
+    return matches[0] if len(matches) == 1 else ""
 
 
 def unit_of_column(columns: Columns, column: str, specified: str = "") -> str:
@@ -153,18 +153,18 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         specified = options.columns.get(name)
         if specified is not None:
             return specified
-        found = columns.find(name, *signals.names.get(name, ()))
-        return found or (_by_quantity(columns, signals, name) if signals.is_input(name) else "")
+        column = columns.find(name, *signals.names.get(name, ()))
+        return column or (_by_quantity(columns, signals, name) if signals.is_input(name) else "")
 
     place = {n: find(n) for names in signals.modes.values() for n in names}
     place |= {n: find(n) for n in (*signals.inputs, *signals.outputs)}
     fitting = [m for m, names in signals.modes.items() if all(place[n] for n in names)]
-    seen = [n for n in signals.outputs if place[n]]
+    measured = [n for n in signals.outputs if place[n]]
     faults = _unknown_channels(signals, options, ())
     if signals.modes and not fitting:
         wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
         faults.append(f"no column {wanted} for the input; there are {columns} ({which_column()})")
-    if not seen:
+    if not measured:
         faults.append(
             f"none of the outputs {', '.join(signals.outputs)}; there are {columns} "
             f"({which_column()})"
@@ -172,18 +172,18 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
     if signals.any_inputs:
-        used = [columns.find(place[n]) for n in (*driven, *seen)]
+        used = [columns.find(place[n]) for n in (*driven, *measured)]
         others = _other_inputs(columns, options, used)
         place |= others
         driven = (*driven, *others)
-    for name in (*driven, *seen):
+    for name in (*driven, *measured):
         faults += _faults_of_place(name, place[name], columns, signals, options, name in driven)
     if faults:
         raise DataError(fault_text(str(path), faults))
     return Sheet(
         input_mode=mode,
         inputs={n: InputSpec(column=_other(place[n], n)) for n in driven},
-        outputs={n: OutputSpec(column=_other(place[n], n)) for n in seen},
+        outputs={n: OutputSpec(column=_other(place[n], n)) for n in measured},
     )
 
 
@@ -202,15 +202,15 @@ def _other_inputs(columns: Columns, options: ReadOptions, used: Sequence[str]) -
     """Further inputs and their columns, of a model that takes any; a note for each that is none."""
     aside = _aside(columns, options).union(used)
     channel_of = {columns.find(c) or c: name for name, c in options.columns.items()}
-    found = {}
+    inputs = {}
     for column in columns.values:
         if column in aside:
             continue
         if why := _no_input(columns, column):
             columns.notes.append(f"column {column} is left out: {why}")
         else:
-            found[channel_of.get(column, column)] = column
-    return found
+            inputs[channel_of.get(column, column)] = column
+    return inputs
 
 
 def _faults_of_place(
@@ -276,8 +276,8 @@ def _by_quantity(columns: Columns, signals: Signals, name: str) -> str:
     if si not in _QUANTITIES:
         return ""
     named = columns.called(_QUANTITIES[si])
-    found = [c for c in named if _measures(columns.units.get(c, ""), si)]
-    return found[0] if len(found) == 1 else ""
+    matches = [c for c in named if _measures(columns.units.get(c, ""), si)]
+    return matches[0] if len(matches) == 1 else ""
 
 
 def _measures(unit: str, si: str) -> bool:
@@ -357,27 +357,27 @@ def _update(
     """Fields of one column that the options replace."""
     headed = columns.units.get(columns.find(spec.column or name), "")
 
-    def told(table: Mapping[str, Any], *, of_all: bool) -> Any:
+    def option(table: Mapping[str, Any], *, of_all: bool) -> Any:
         """Value for this channel, or the one without a channel, if it is meant for this one."""
         return table.get(name, table.get("") if output and of_all else None)
 
-    unit = told(options.units, of_all=not (spec.unit or headed)) or None
+    unit = option(options.units, of_all=not (spec.unit or headed)) or None
     update: dict[str, Any] = {"unit": unit}
     unit = _spelled(unit or spec.unit or headed)
-    update["scale"] = told(options.scales, of_all=unit in ("", PIXEL))
+    update["scale"] = option(options.scales, of_all=unit in ("", PIXEL))
     if update["scale"] is not None and not unit:
         update["unit"] = unit = PIXEL
     pixels = unit == PIXEL
-    origin = told(options.origins, of_all=pixels or _measures(unit, "m"))
+    origin = option(options.origins, of_all=pixels or _measures(unit, "m"))
     if name not in options.origins:
         origin = _of_axis(name, origin, pixels=pixels)
     update["origin"] = None if origin is None else _origin(name, origin)
     update["period"] = options.periods.get(name)
-    if pixels and name.endswith(".y"):
-        update["down"] = options.down
+    if pixels and name.endswith(".y") and options.y_up:
+        update["down"] = False
     if output:
-        update["delay"] = told(options.delays, of_all=True)
-        update["reference"] = told(options.references, of_all=True)
+        update["delay"] = option(options.delays, of_all=True)
+        update["reference"] = option(options.references, of_all=True)
     return {key: value for key, value in update.items() if value is not None}
 
 

@@ -135,14 +135,14 @@ class Sensor:
     def known(self) -> dict[str, float]:
         """Known errors: size by name of the fault, without zeros, in the order of the chain."""
         lag = 1.0 / (2.0 * math.pi * self.bandwidth)
-        own = {"lag": lag, "delay": self.delay, "gain": self.gain - 1.0, "offset": self.offset}
-        return _in_chain({**own, **self.faults})
+        sizes = {"lag": lag, "delay": self.delay, "gain": self.gain - 1.0, "offset": self.offset}
+        return _in_chain({**sizes, **self.faults})
 
     @property
     def unknown(self) -> dict[str, float]:
         """Standard deviations of unknown errors, as :attr:`known`."""
-        own = {"gain": self.gain_sd, "offset": self.offset_sd, "delay": self.delay_sd}
-        return _in_chain({**own, **self.faults_sd})
+        sizes = {"gain": self.gain_sd, "offset": self.offset_sd, "delay": self.delay_sd}
+        return _in_chain({**sizes, **self.faults_sd})
 
 
 def _in_chain(sizes: Mapping[str, float]) -> dict[str, float]:
@@ -317,8 +317,8 @@ class Record:
         """
         options: dict[str, Any] = {"inputs": inputs, "outputs": outputs, "time": time, "name": name}
         options |= {"sigma": sigma or {}, "units": units or {}}
-        found: Record = lazy_import("unmodeled.data.frames:record_from_frame")(frame, **options)
-        return replace(found, role=role)
+        record: Record = lazy_import("unmodeled.data.frames:record_from_frame")(frame, **options)
+        return replace(record, role=role)
 
     @property
     def samples(self) -> int:
@@ -452,9 +452,9 @@ class Record:
         DataError
             The input does not exist, or a number is invalid for a sensor.
         """
-        own: dict[str, Any] = {"delay": delay, "bandwidth": bandwidth, "gain": gain}
-        own |= {"offset": offset, "faults": faults or {}}
-        return self._sensed(name, Sensor(name=name, **own).known)
+        errors: dict[str, Any] = {"delay": delay, "bandwidth": bandwidth, "gain": gain}
+        errors |= {"offset": offset, "faults": faults or {}}
+        return self._sensed(name, Sensor(name=name, **errors).known)
 
     def _sensed(self, name: str, known: Mapping[str, float]) -> Record:
         """Copy of the record, with an input without known errors."""
@@ -562,9 +562,9 @@ class Record:
                 f"record {self.name}: sigma of {', '.join(missing)}, which is no column; there are "
                 f"{', '.join({**self.inputs, **self.outputs})}"
             )
-        own = {n: replace(s, sigma=sigma.get(n, s.sigma)) for n, s in self.sensors.items()}
+        sensors = {n: replace(s, sigma=sigma.get(n, s.sigma)) for n, s in self.sensors.items()}
         of_inputs = {n: v for n, v in sigma.items() if n in self.inputs}
-        return replace(self, sensors=own, input_sigma={**self.input_sigma, **of_inputs})
+        return replace(self, sensors=sensors, input_sigma={**self.input_sigma, **of_inputs})
 
     def with_columns_as_inputs(
         self, columns: Mapping[str, str], mode: InputMode | None = None
@@ -604,15 +604,15 @@ class Record:
 
     def _with_input_of(self, other: Record, source: str, name: str) -> Record:
         """Copy with an input of another record, under a name that it may have already."""
-        own: dict[str, Any] = {}
+        changed: dict[str, Any] = {}
         for key in ("inputs", "input_units", "input_sigma", "input_correlation_time"):
             values = getattr(other, key)
             stated = {name: values[source]} if source in values else {}
-            own[key] = {**_without(getattr(self, key), name), **stated}
+            changed[key] = {**_without(getattr(self, key), name), **stated}
         before = self.before
         if before is not None and other.before is not None:
             before = before._with_input_of(other.before, source, name)
-        return replace(self, before=before, **own)
+        return replace(self, before=before, **changed)
 
     def with_changed_inputs(self, change: Callable[[Record], Mapping[str, Array]]) -> Record:
         """Copy of the record, with inputs changed by a function of the whole run.
@@ -639,9 +639,9 @@ def _faults_of_clock(time: Array) -> list[str]:
         return [f"time has {time.size} samples, expected at least 2"]
     if not np.all(np.isfinite(time)):
         return ["time holds a number that is not finite"]
-    late = np.flatnonzero(np.diff(time) <= 0.0)
-    if late.size:
-        at = int(late[0]) + 1
+    backward = np.flatnonzero(np.diff(time) <= 0.0)
+    if backward.size:
+        at = int(backward[0]) + 1
         return [
             f"time does not increase from {time[at - 1]:.10g} s to {time[at]:.10g} s, sample {at} "
             "counted from 0"

@@ -83,7 +83,7 @@ class Columns:
     """Cells that are no numbers, by column and row; their values are NaN."""
     wrong_rows: list[tuple[int, str]] = field(default_factory=list)
     """Rows with another number of cells than the header; their values are NaN."""
-    _found: tuple[tuple[int, int], _Lookup] | None = field(
+    _lookups: tuple[tuple[int, int], _Lookup] | None = field(
         default=None, init=False, repr=False, compare=False
     )
 
@@ -109,8 +109,8 @@ class Columns:
                 coordinates.setdefault(plain_name(point[1]), []).append(column)
         for trust, values in self.values.items():
             named = _LIKELIHOOD.fullmatch(trust)
-            seen = values[np.isfinite(values)]
-            if named is None or np.any((seen < 0.0) | (seen > 1.0)):
+            finite = values[np.isfinite(values)]
+            if named is None or np.any((finite < 0.0) | (finite > 1.0)):
                 continue
             for column in coordinates.get(plain_name(named[1]), ()):
                 self.likelihood[column] = trust
@@ -162,9 +162,9 @@ class Columns:
         ``complete``: a value that is missing or infinite is a fault, too.
         """
         names = [n for n in (self.values if names is None else names) if n in self.values]
-        found = self.wrong_rows[:MOST_FAULTS]
+        listed = self.wrong_rows[:MOST_FAULTS]
         for name in names:
-            found += [
+            listed += [
                 (row, f"{shortened(name)} = {self._shown(cell)}")
                 for row, cell in itertools.islice(
                     self.wrong_cells.get(name, {}).items(), MOST_FAULTS
@@ -172,13 +172,13 @@ class Columns:
             ]
         short = {row for row, _ in self.wrong_rows}
         for name in names if complete else ():
-            told = short | self.wrong_cells.get(name, {}).keys()
+            reported = short | self.wrong_cells.get(name, {}).keys()
             blank = [int(r) for r in np.flatnonzero(~np.isfinite(self.values[name]))]
-            found += [
+            listed += [
                 (row, f"{shortened(name)} = {self.values[name][row]}, expected a finite number")
-                for row in itertools.islice((r for r in blank if r not in told), MOST_FAULTS)
+                for row in itertools.islice((r for r in blank if r not in reported), MOST_FAULTS)
             ]
-        return [f"{self.place(row)}: {text}" for row, text in sorted(found)]
+        return [f"{self.place(row)}: {text}" for row, text in sorted(listed)]
 
     def _shown(self, cell: str) -> str:
         """A cell that is no number, with a hint if it has the other decimal sign."""
@@ -243,25 +243,25 @@ class Columns:
             if name.strip() in exact:
                 return exact[name.strip()]
         for name in names:
-            if plain_name(name) and len(found := alike.get(plain_name(name), [])) == 1:
-                return found[0]
+            if plain_name(name) and len(matches := alike.get(plain_name(name), [])) == 1:
+                return matches[0]
         for name in names:
-            if len(found := ends.get(name, [])) == 1:
-                return found[0]  # the only point of a tracker
+            if len(matches := ends.get(name, [])) == 1:
+                return matches[0]  # the only point of a tracker
         return ""
 
     def _lookup(self) -> _Lookup:
         """Columns by heading, by plain name, and by the end of the name; made once for a state."""
         state = (len(self.values), len(self.headings))
-        if self._found is not None and self._found[0] == state:
-            return self._found[1]
+        if self._lookups is not None and self._lookups[0] == state:
+            return self._lookups[1]
         alike: dict[str, list[str]] = {}
         ends: dict[str, list[str]] = {}
         for column in self.values:
             alike.setdefault(plain_name(column), []).append(column)
             ends.setdefault(column.rpartition(".")[2], []).append(column)
         exact = {heading: column for column, heading in reversed(self.headings.items())}
-        self._found = state, (exact, alike, ends)
+        self._lookups = state, (exact, alike, ends)
         return exact, alike, ends
 
 
@@ -289,10 +289,10 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     if len(values) < 2:  # a quoted cell may contain the other lines
         raise DataError(f"{path}: {len(values)} rows of numbers, expected at least 2")
     below = (*table.units, *("",) * width)  # the name of a test has no unit
-    for j, ((name, unit), own) in enumerate(zip(names, below, strict=False)):
+    for j, ((name, unit), below_name) in enumerate(zip(names, below, strict=False)):
         if not name:
             continue
-        stated = unit or spelled_unit(own) or own.strip("[]() ")
+        stated = unit or spelled_unit(below_name) or below_name.strip("[]() ")
         if not columns.add_cells(name, values[:, j], words[j], stated):
             continue
         heading = table.header[j].strip() if j < len(table.header) else name
@@ -345,19 +345,19 @@ def seconds_of_day(texts: Sequence[str]) -> Array | None:
 
     Without dates, or if day and month cannot be told apart, midnight adds a day.
     """
-    found = [m for t in texts if (m := _MOMENT.fullmatch(t.strip())) and m[0]]
-    timed = {m["h"] is not None for m in found}
-    if not found or len(found) < len(texts) or len(timed) > 1:
+    matches = [m for t in texts if (m := _MOMENT.fullmatch(t.strip())) and m[0]]
+    timed = {m["h"] is not None for m in matches}
+    if not matches or len(matches) < len(texts) or len(timed) > 1:
         return None
-    seconds = np.zeros(len(found))
+    seconds = np.zeros(len(matches))
     if True in timed:
         seconds[:] = [
             3600.0 * (int(m["h"]) % 12 + 12 * (m["half"] in "Pp") if m["half"] else int(m["h"]))
             + 60.0 * int(m["m"])
             + float(m["s"].replace(",", "."))
-            for m in found
+            for m in matches
         ]
-    days = _days([(m["a"], m["sign"], m["b"], m["c"]) for m in found])
+    days = _days([(m["a"], m["sign"], m["b"], m["c"]) for m in matches])
     if days is not None:
         seconds += 86400.0 * days
     elif True in timed:

@@ -140,8 +140,8 @@ class ReadOptions:
     origins: Mapping[str, str] = field(default_factory=dict)
     """Zero of a channel in the unit of the file; X,Y: zero of all channels in pixels; start: first
     value of the channel."""
-    down: bool | None = None
-    """Whether y in pixels increases downwards; default: yes."""
+    y_up: bool = False
+    """The y pixels count upward; default: downward."""
     periods: Mapping[str, str] = field(default_factory=dict)
     """Period of a channel that wraps, such as 65536 in the unit of the file, or 360deg: a jump by
     more than a half of it is one."""

@@ -188,8 +188,8 @@ def read_table(lines: Lines, *, tests: bool = False) -> Table:
     settings |= _settings(cells[: max(header, 0)])
     if beside and header < 0:
         names = _names_in(settings)
-    names, units, told = _without_settings(names, units)
-    settings |= told
+    names, units, stated = _without_settings(names, units)
+    settings |= stated
     without = names[width:]
     rows = itertools.islice(rows, first, None)
     count = len(lines) - first
@@ -246,15 +246,15 @@ def _beside(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
 
 def _settings(rows: Iterable[Sequence[str]]) -> dict[str, tuple[str, ...]]:
     """Settings of the preamble: a word and the values beside it; the last one counts."""
-    found = {}
+    settings = {}
     for row in rows:
         filled = [c.strip() for c in row if c.strip()]
-        if len(filled) == 1 and (own := _SETTING.fullmatch(filled[0])):
-            filled = [own[1], own[2]]
+        if len(filled) == 1 and (setting := _SETTING.fullmatch(filled[0])):
+            filled = [setting[1], setting[2]]
         if len(filled) > 1:
             name, unit = split_column(filled[0])
-            found[plain_name(name)] = (*filled[1:], unit) if unit else tuple(filled[1:])
-    return found
+            settings[plain_name(name)] = (*filled[1:], unit) if unit else tuple(filled[1:])
+    return settings
 
 
 def _names_in(settings: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
@@ -279,7 +279,7 @@ def _heading(
     incomplete = not all(c.strip() for c in names[:width]) or len({*names}) < len(names)
     if len(above[1]) == len(names) and incomplete and are_units(above[1]):
         higher = above[0] if len(above[0]) == len(names) else names
-        names = [own if own.strip() else other for own, other in zip(names, higher, strict=True)]
+        names = [name if name.strip() else other for name, other in zip(names, higher, strict=True)]
         return first - 1, tuple(names), tuple(c.strip() for c in above[1])
     return first - 1, tuple(names), ()
 
@@ -291,21 +291,21 @@ def _without_settings(
 
     A setting is a name with a number in place of the unit, or a cell such as ``tInc = 2e-07``.
     """
-    told: dict[str, tuple[str, ...]] = {}
+    settings: dict[str, tuple[str, ...]] = {}
     end = len(names)
     for j in reversed(range(len(names))):
-        own = _SETTING.fullmatch(names[j].strip())
+        setting = _SETTING.fullmatch(names[j].strip())
         below = units[j] if j < len(units) else ""
-        if own is not None:
-            told[plain_name(own[1])] = (own[2],)
+        if setting is not None:
+            settings[plain_name(setting[1])] = (setting[2],)
         elif below and read_number(below) is not None:
-            told[plain_name(names[j])] = (below,)
+            settings[plain_name(names[j])] = (below,)
         elif names[j].strip():
             break
         else:
             continue
         end = j
-    return names[:end], units[:end], told
+    return names[:end], units[:end], settings
 
 
 def _side_by_side(
@@ -411,14 +411,14 @@ def numbered_rows(lines: Lines, separator: str | None) -> Iterator[tuple[int, li
     """Rows with the number of the line at which they begin."""
     taken = 0
 
-    def told() -> Iterator[str]:
+    def counted() -> Iterator[str]:
         nonlocal taken
         for text in lines.texts:
             taken += 1
             yield text
 
     first = 0
-    for row in _split(told(), separator):
+    for row in _split(counted(), separator):
         yield int(lines.numbers[first]), row
         first = taken
 

@@ -23,9 +23,9 @@ def read_tracked(path: Path, lines: Lines) -> Columns | None:
     """Series of an export with a known header; None for any other text."""
     capture = (_optitrack, _vicon, _qualisys)
     for reader in (_kinovea_text, _deeplabcut, _tracker, *capture, _kinovea_table):
-        found = reader(path, lines)
-        if found is not None:
-            return found
+        columns = reader(path, lines)
+        if columns is not None:
+            return columns
     return None
 
 

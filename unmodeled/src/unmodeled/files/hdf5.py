@@ -1,18 +1,13 @@
 """The only reader of external HDF5 files, including NetCDF 4 and MAT 7.3.
 
-An HDF5 file can refer to other files (external links, external storage, virtual datasets), state
-sizes without containing the data, and unpack to a thousand times its size. HDF5 reads the texts of
-a file from global heaps. A damaged length there causes an infinite loop in version 2.0, which
-Python cannot stop. All of this is therefore checked before the library reads the file. Only the
-content of the file itself at its top level is read.
+An HDF5 file can refer to other files (external links, external storage, virtual datasets) and state
+sizes without containing the data. Both are checked before data are read; damage of the format
+itself is reported by the HDF5 library. Only the content of the file itself is read.
 """
 
 from __future__ import annotations
 
 import math
-import mmap
-import struct
-import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,17 +25,7 @@ HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, Runt
 
 MOST_NAMES = 100_000  # number of entries at the top level of a file, and of attributes of one entry
 MOST_LEVELS = 8  # of groups in groups
-MOST_TEXTS = 1_000_000  # number of texts in the global heaps of a file
-MOST_CHUNKS, MOST_CHUNKS_OF_FILE = 100_000, 400_000  # number of chunks of one dataset, of all
-
-_SIGNATURE = b"GCOL\x01\x00\x00\x00"
-_HEADER = 16  # size in bytes of the header of a heap and of each of its objects
-_SMALLEST = 4096  # bytes of a heap
-
-_DEFLATE = 1
-#: Permitted filters, which are safe: deflate (checked here), shuffle, fletcher32, lzf (whose output
-#: is at most 88 times its input).
-_FILTERS = (_DEFLATE, 2, 3, 32000)
+MOST_CHUNKS = 400_000  # number of chunks of all datasets of a file
 
 
 class Hdf5File:
@@ -56,7 +41,7 @@ class Hdf5File:
         self._file = file
         self._room = most_bytes
         self._names = 0
-        self.chunks = 0  # of the datasets so far
+        self._chunks = 0  # of the datasets so far
         self.most_bytes = most_bytes
         self.left_out: dict[str, str] = {}
 
@@ -125,6 +110,18 @@ class Hdf5File:
                 f"{what}: the file claims more than {self.most_bytes} bytes, which is the limit"
             )
 
+    def count_chunks(self, number: int, what: str) -> None:
+        """Count chunks: the library lists them all, also those that the file does not contain.
+
+        Raises
+        ------
+        ValueError
+            There are more than the limit.
+        """
+        self._chunks += number
+        if self._chunks > MOST_CHUNKS:
+            raise ValueError(f"{what}: {number} chunks; the limit of a file is {MOST_CHUNKS}")
+
 
 class Hdf5Dataset:
     """A dataset that is stored in the file itself."""
@@ -151,56 +148,19 @@ class Hdf5Dataset:
         Raises
         ------
         ValueError
-            The dataset is larger than the limit, or has an unsupported filter.
+            The dataset is larger than the limit.
         """
         import numpy as np
 
         assert self.shape is not None
-        size = math.prod(self.shape)
         what = f"dataset {shown(self.name)}"
+        size = math.prod(self.shape)
+        if (chunks := self._item.chunks) is not None and size:
+            number = math.prod(-(-n // c) for n, c in zip(self.shape, chunks, strict=True))
+            self._file.count_chunks(number, what)
+            size = max(size, math.prod(chunks))  # the library holds one whole chunk in memory
         self._file.take(size * self.dtype.itemsize, what)
-        if self._item.chunks is not None and size:
-            self._check_chunks(what)
         return np.asarray(self._item)
-
-    def _check_chunks(self, what: str) -> None:
-        """Reject chunks that unpack to more than their stated size."""
-        chunk = math.prod(self._item.chunks) * self.dtype.itemsize
-        # The library makes a list of all chunks, also of those that the file does not contain.
-        shape = self.shape or ()
-        number = math.prod(-(-n // c) for n, c in zip(shape, self._item.chunks, strict=True))
-        self._file.chunks += number
-        if number > MOST_CHUNKS or self._file.chunks > MOST_CHUNKS_OF_FILE:
-            raise ValueError(
-                f"{what}: {number} chunks; the limit is {MOST_CHUNKS}, and {MOST_CHUNKS_OF_FILE} "
-                "of all datasets"
-            )
-        identity = self._item.id
-        recipe = identity.get_create_plist()
-        filters = [recipe.get_filter(i)[0] for i in range(recipe.get_nfilters())]
-        unknown = [f for f in filters if f not in _FILTERS]
-        if unknown or filters.count(_DEFLATE) > 1 or len(filters) > 4:
-            raise ValueError(f"{what}: packed by filters {filters}; known are {list(_FILTERS)}")
-        stored: list[Any] = []
-        identity.chunk_iter(stored.append)
-        if stored:
-            # The library always holds one whole chunk in memory.
-            self._file.take(max(0, chunk - math.prod(self.shape or ()) * self.dtype.itemsize), what)
-        if _DEFLATE not in filters:
-            return
-        place = filters.index(_DEFLATE)
-        for info in stored:
-            if info.filter_mask & (1 << place):
-                continue
-            _, raw = identity.read_direct_chunk(info.chunk_offset)
-            unpacker = zlib.decompressobj()
-            try:
-                # Checksums of filters before this one add a few bytes.
-                done = len(unpacker.decompress(raw, chunk + 64))
-            except zlib.error as error:
-                raise ValueError(f"{what}: is damaged: {error}") from None
-            if done > chunk + 8 * len(filters) or unpacker.unconsumed_tail:
-                raise ValueError(f"{what}: a chunk unpacks to more than its {chunk} bytes")
 
 
 def shown(name: str) -> str:
@@ -225,48 +185,14 @@ def open_hdf5(path: Path, *, most_bytes: int, track_order: bool = False) -> Iter
     DataError
         It is not a regular file, or it is too large.
     ValueError
-        The file is empty, or one of its global heaps is damaged.
+        The file is empty.
     """
     import h5py
 
     with open_input(path, most=LARGEST_FILE) as stream:
         if stream.seek(0, 2) == 0:
             raise ValueError("the file is empty")
-        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
-            _check_heaps(data)
         stream.seek(0)
         # By the open file instead of its name: the file cannot be exchanged in between.
         with h5py.File(stream, "r", track_order=track_order) as file:
             yield Hdf5File(file, most_bytes)
-
-
-def _check_heaps(data: mmap.mmap | bytes) -> None:
-    """Check the global heaps. Heaps of a valid file do not overlap, so that the work is limited."""
-    room = min(MOST_TEXTS, len(data) // _HEADER)
-    at = data.find(_SIGNATURE)
-    while at >= 0:
-        if at + _HEADER <= len(data):
-            (size,) = struct.unpack_from("<Q", data, at + 8)
-            if size < _SMALLEST or size % 8 or at + size > len(data):
-                raise ValueError(f"global heap at byte {at} has a length of {size}")
-            room -= _check_objects(data, at, at + size, room)
-        at = data.find(_SIGNATURE, at + 8)
-
-
-def _check_objects(data: mmap.mmap | bytes, heap: int, end: int, room: int) -> int:
-    """Check the objects of a heap and return their number; index 0 is the free space at its end."""
-    at = heap + _HEADER
-    count = 0
-    while at + _HEADER <= end:
-        index, size = struct.unpack_from("<H6xQ", data, at)
-        step = size if index == 0 else _HEADER + (size + 7) // 8 * 8
-        if step < _HEADER or at + step > end:
-            raise ValueError(f"global heap at byte {heap} has an object of {size} bytes")
-        count += 1
-        if count > room:
-            raise ValueError(
-                f"global heap at byte {heap}: the heaps overlap, or hold more than {MOST_TEXTS} "
-                "texts"
-            )
-        at += step
-    return count

@@ -113,16 +113,18 @@ def encode(
             else:
                 h5a.create(root, key.encode(), h5t.STD_I64LE, scalar).write(np.array(value))
         scales: dict[str, Any] = {}
-        own = {v.name: v.values for v in listed if v.dimensions == (v.name,)}
+        coordinates = {v.name: v.values for v in listed if v.dimensions == (v.name,)}
         for v in listed:
             values = np.ascontiguousarray(v.values, dtype=float)
             for dimension, size in zip(v.dimensions, values.shape, strict=True):
                 if dimension not in scales:
-                    scales[dimension] = add_scale(dimension, size, own.get(dimension))
-            node = scales[v.name] if v.name in own else add_dataset(v.name, values, compress)
+                    scales[dimension] = add_scale(dimension, size, coordinates.get(dimension))
+            node = (
+                scales[v.name] if v.name in coordinates else add_dataset(v.name, values, compress)
+            )
             add_text(node, "units", v.unit)
             add_text(node, "long_name", v.long_name)
-            if v.name not in own:
+            if v.name not in coordinates:
                 for axis, dimension in enumerate(v.dimensions):
                     h5ds.attach_scale(node, scales[dimension], axis)
         h5f.flush(file)

@@ -9,7 +9,7 @@ import tempfile
 import threading
 import weakref
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, Literal
@@ -295,8 +295,17 @@ def _limits(variables: Mapping[str, Any], names: Sequence[str]) -> dict[str, tup
     }
 
 
-def _notices(kind: str, variables: Mapping[str, Any], inputs: Sequence[str]) -> tuple[str, ...]:
-    """Notes about how an FMU gets its inputs."""
+#: Types of FMI 2 and 3 of real numbers; largest number of parameters that a note lists.
+FLOATS, MOST_LISTED = ("Real", "Float64"), 20
+
+
+def _notices(
+    kind: str, variables: Mapping[str, Any], inputs: Iterable[str], listed: Sequence[str]
+) -> tuple[str, ...]:
+    """Notes about how an FMU gets its inputs, and which of its parameters could be fitted.
+
+    ``listed``: parameters that are fitted or are possible causes.
+    """
     notices = []
     if kind == "CoSimulation" and inputs:
         notices.append(
@@ -306,6 +315,14 @@ def _notices(kind: str, variables: Mapping[str, Any], inputs: Sequence[str]) -> 
     left = [n for n, v in variables.items() if v.causality == "input" and n not in inputs]
     if left:
         notices.append(f"its inputs {', '.join(left)} keep their start values")
+    names = [n for n, v in variables.items() if v.causality == "parameter" and v.type in FLOATS]
+    if names and not listed:
+        more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
+        notices.append(
+            f"none of its parameters {', '.join(names[:MOST_LISTED])}{more} is fitted: --parameter "
+            "NAME=±SD states one that is uncertain, --unknown NAME=UNIT one that is a possible "
+            "cause, such as a friction that is zero in the FMU"
+        )
     return tuple(notices)
 
 
@@ -410,8 +427,8 @@ def fmu(
         for n in inputs
         if (variables[n].description or "").endswith(("at the end of the step", "hold: linear"))
     )
-    told = _notices(run_as, variables, list(inputs))
-    function = _Fmu(path, tuple(outputs), run_as, hold, at_end, told)
+    notices = _notices(run_as, variables, inputs, listed)
+    function = _Fmu(path, tuple(outputs), run_as, hold, at_end, notices)
     function.units = {n: _unit(v) for n, v in variables.items()}
     function.values = {n: _start(v) for n, v in variables.items()}
     function.limits = _limits(variables, listed)

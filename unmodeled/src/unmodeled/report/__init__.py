@@ -348,8 +348,9 @@ def _next(result: Result) -> list[str]:
     steps = first if result.worst.calibrated > result.worst.motion > 0.0 else []
     if Reason.NOTHING_INSIDE in result.reasons:
         steps.append(
-            "Name what may act inside the model: a parameter of a function that is zero without it "
-            "(--unknown friction='N m', in Python unknown=), or coordinates= of equations."
+            "Name what may act inside the model (--unknown friction='N m', in Python unknown=): a "
+            "parameter of the function or the FMU that is zero without it, which you may have to "
+            "add where the model is made; or coordinates= of equations."
         )
     for c in result.changes:
         if c.tier == "fitted":

@@ -24,7 +24,7 @@ from unmodeled.lazy import lazy_import
 from unmodeled.search.problem import Observed
 from unmodeled.search.records import noise_of_channel, ready_records, wrap_text
 from unmodeled.search.result import Compared, Hint
-from unmodeled.units import TEMPERATURE_SCALES, readable_unit, spelled_unit, zero_and_factor
+from unmodeled.units import TEMPERATURE_SCALES, readable_unit, spelled_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -400,35 +400,15 @@ MOST, SOME, LEFT, TRIED = 0.5, 0.1, 0.04, 0.1
 SAME = 0.3
 #: Prior standard deviation, as a share of the value, from which a parameter may have any size [1].
 ANY_SIZE = 0.5
-#: Units that are used with the prefix milli.
-_MILLI = ("m", "N", "s", "V", "A", "Pa", "rad")
-#: Factor of record over model, what would cause it, and the unit for which it holds ("": all).
-_FACTORS: tuple[tuple[float, str, str], ...] = (
-    *((1e3, f"m{unit} labeled as {unit}", unit) for unit in _MILLI),
-    *((1e-3, f"{unit} labeled as m{unit}", unit) for unit in _MILLI),
-    (1e3, "a thousand times too large", ""),
-    (1e-3, "a thousand times too small", ""),
-    (10.0, "mm labeled as cm", "m"),
-    (0.1, "cm labeled as mm", "m"),
-    (100.0, "cm labeled as m", "m"),
-    (0.01, "m labeled as cm", "m"),
-    (25.4, "mm labeled as inches", "m"),
-    (1.0 / 25.4, "inches labeled as mm", "m"),
-    (9.80665, "N labeled as kgf", "N"),
-    (1.0 / 9.80665, "kgf labeled as N", "N"),
-    (180.0 / math.pi, "degrees labeled as rad", "rad"),
-    (math.pi / 180.0, "rad labeled as degrees", "rad"),
-    (-1.0, "the other direction", ""),
-)
+#: Factors of record over model of a wrong unit or direction, by the unit of the channel; "": any.
+_FACTORS: Mapping[str, tuple[float, ...]] = {
+    "": (1e3, 1e-3, -1.0),
+    "m": (10.0, 0.1, 100.0, 0.01, 25.4, 1.0 / 25.4),
+    "N": (9.80665, 1.0 / 9.80665),
+    "rad": (180.0 / math.pi, math.pi / 180.0),
+}
 #: Factors of a clock in a wrong unit.
-_CLOCKS = (
-    (60.0, "minutes labeled as s"),
-    (1.0 / 60.0, "s labeled as minutes, or rates of the model per minute"),
-    (1e-3, "ms labeled as s"),
-    (1e3, "s labeled as ms, or rates of the model per ms"),
-    (3600.0, "hours labeled as s"),
-    (1.0 / 3600.0, "s labeled as hours, or rates of the model per hour"),
-)
+_CLOCKS = (60.0, 1.0 / 60.0, 1e-3, 1e3, 3600.0, 1.0 / 3600.0)
 
 
 def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
@@ -473,61 +453,51 @@ def _size_of_tolerances(model: Model) -> float:
     )
 
 
-def _relations(unit: str) -> Iterator[tuple[float, float, str, bool]]:
-    """Zero and factor of each wrong label of a reading, its words, and whether it has this unit."""
-    yield from ((0.0, f, text, bool(own)) for f, text, own in _FACTORS if own in ("", unit))
-    unit = spelled_unit(unit) or unit
-    for true, label in TEMPERATURE_SCALES if unit in {u for u, _ in TEMPERATURE_SCALES} else ():
-        (zero, factor), (other, back) = zero_and_factor(unit, true), zero_and_factor(label, unit)
-        yield -(zero * factor + other) * back, factor * back, f"{true} labeled as {label}", True
+def _relations(unit: str) -> Iterator[tuple[float, float]]:
+    """Zero and factor of a record over the model that a wrong unit makes."""
+    yield from ((0.0, factor) for factor in (*_FACTORS[""], *_FACTORS.get(unit, ())))
+    if spelled_unit(unit) in {scale for scale, _ in TEMPERATURE_SCALES}:
+        yield from ((zero, 1.0 / factor) for zero, factor in TEMPERATURE_SCALES.values())
 
 
-def _known_relation(row: Compared) -> tuple[float, float, str] | None:
-    """Zero, factor and words of the wrong unit, scale or sign that is near to those of a row."""
-    found = []
-    for zero, factor, text, own in _relations(row.unit):
+def _known_relation(row: Compared) -> tuple[float, float] | None:
+    """Zero and factor of the wrong unit, scale or sign that is near to those of a row."""
+    near = []
+    for zero, factor in _relations(row.unit):
         ratio = row.factor / factor
         far = min(row.motion, 0.5 * abs(zero) or math.inf)  # nearer to this zero than to none
-        if not (ratio > 0.0 and abs(row.correlation) > ALIKE and abs(row.offset - zero) <= far):
-            continue
-        off = abs(math.log(ratio)) / max(abs(math.log(abs(factor))), math.log(10.0))
-        if off < NEAR:
-            found.append((off, not own, zero, factor, text))
-    return min(found)[2:] if found else None
+        if ratio > 0.0 and abs(row.correlation) > ALIKE and abs(row.offset - zero) <= far:
+            off = abs(math.log(ratio)) / max(abs(math.log(abs(factor))), math.log(10.0))
+            near += [(off, zero, factor)] if off < NEAR else []
+    return min(near)[1:] if near else None
 
 
 def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
     """Channels that have a wrong unit, scale or sign in all records, or in some of them."""
-    groups: dict[tuple[float, float, str, tuple[str, ...]], list[list[Compared]]] = {}
+    groups: dict[tuple[tuple[float, float], tuple[str, ...]], list[list[Compared]]] = {}
     for name in dict.fromkeys(r.channel for r in rows):
-        own = [r for r in rows if r.channel == name and math.isfinite(r.correlation)]
-        if (found := _wrong_unit(own)) is not None:
-            zero, factor, text, wrong = found
-            where = () if len(wrong) == len(own) else tuple(r.record for r in wrong)
-            groups.setdefault((zero, factor, text, where), []).append(wrong)
-    for (zero, factor, text, where), channels in groups.items():
+        known = {r: _known_relation(r)
+                 for r in rows if r.channel == name and math.isfinite(r.correlation)}  # fmt: skip
+        wrong = [r for r, relation in known.items() if relation]
+        right = [r for r, relation in known.items() if not relation]
+        relations = {relation for relation in known.values() if relation}
+        if len(relations) == 1 and all(abs(r.factor - 1.0) < MOST for r in right):
+            where = tuple(r.record for r in wrong) if right else ()
+            groups.setdefault((relations.pop(), where), []).append(wrong)
+    for ((zero, factor), where), channels in groups.items():
         wrong = [r for g in channels for r in g]
         names = tuple(g[0].channel for g in channels)
         size = f"{float(np.median([r.factor for r in wrong])):.4g} times the model"
+        size = f"on another scale of temperature (zero at {zero:.5g})" if zero else size
         yield Hint(
             "scale" if zero else "sign" if factor < 0.0 else "unit",
             names,
-            f"{', '.join(names)} is {'on another scale' if zero else size} in "
-            f"{'record ' + ', '.join(where) if where else 'all records'}: {text}?"
+            f"{', '.join(names)} is {size} in "
+            f"{'record ' + ', '.join(where) if where else 'all records'}: "
+            f"{'has it the other direction' if factor < 0.0 else 'is its unit another one'}?"
             f"{_reversed(wrong) if factor < 0.0 else ''}",
             all(abs(r.correlation) > SURE for r in wrong),
         )
-
-
-def _wrong_unit(rows: Sequence[Compared]) -> tuple[float, float, str, list[Compared]] | None:
-    """The one relation of the rows of a channel, and the rows that have it; others have 1."""
-    known = [_known_relation(r) for r in rows]
-    wrong = [r for r, k in zip(rows, known, strict=True) if k]
-    relations = {k for k in known if k}
-    right = [r for r, k in zip(rows, known, strict=True) if not k]
-    if len(relations) != 1 or not all(abs(r.factor - 1.0) < MOST for r in right):
-        return None
-    return *relations.pop(), wrong
 
 
 def _reversed(wrong: Sequence[Compared]) -> str:
@@ -576,11 +546,12 @@ def _follows(
 
 
 def _clocks(model: Model) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
-    for factor, text in _CLOCKS:
+    for factor in _CLOCKS:
         if factor < 1.0 or model.states():  # without states, a long record may need very long
             yield (
                 Hint("clock", ("time",), f"the model follows all records with a clock {factor:.4g} "
-                     f"times as long: is the unit of time another one ({text})?"),
+                     "times as long: is the unit of time another one, or are its rates not per "
+                     "second?"),
                 partial(Record.stretched, factor=factor),
             )  # fmt: skip
 
@@ -594,7 +565,7 @@ def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record],
     # A mechanism, whose steps follow the motion, may need very long.
     shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if model.states() else ()
     for name, factor in itertools.product(sorted(shared), (1e3, 1e-3, -1.0)):
-        why = "is its unit another one than its label" if factor > 0.0 else "the other direction"
+        why = "is its unit another one" if factor > 0.0 else "has it the other direction"
         yield (
             Hint("input", (name,), f"the model follows all records with {factor:g} times the "
                  f"values of {name}: {why}?"),
@@ -606,16 +577,17 @@ def _scales(rows: Sequence[Compared]) -> Iterator[tuple[Hint, Callable[[Record],
     """Another scale of temperature, where a start that is not known hides its zero."""
 
     def read(record: Record, names: Sequence[str], zero: float, factor: float) -> Record:
-        own = {n: (v - zero) / factor for n, v in record.outputs.items() if n in names}
-        return replace(record, outputs={**record.outputs, **own})
+        other = {n: (v - zero) / factor for n, v in record.outputs.items() if n in names}
+        return replace(record, outputs={**record.outputs, **other})
 
     for unit in dict.fromkeys(r.unit for r in rows):
         names = tuple(dict.fromkeys(r.channel for r in rows if r.unit == unit))
-        for zero, factor, text, _ in _relations(unit):
+        for zero, factor in _relations(unit):
             if zero:
                 yield (
                     Hint("scale", names, f"the model follows all records with {', '.join(names)} "
-                         f"on another scale: {text}?"),
+                         f"on another scale of temperature (zero at {zero:.5g}): is its unit "
+                         "another one?"),
                     partial(read, names=names, zero=zero, factor=factor),
                 )  # fmt: skip
 

@@ -21,11 +21,11 @@ class Options:
     good_enough: Mapping[str, float] = field(default_factory=dict)
     """Residual that does not matter, by output or by unit (``{"m": 2e-4}``) [SI]; for others, 1 %
     of the motion."""
-    missing: float = 0.5
+    prior: float = 0.5
     """Prior probability that the model lacks an effect of the list [1]."""
     seconds: float = 120.0
     """Limit of time [s]; the best sets of effects until then are the answer."""
-    most: int = 4
+    max_effects: int = 4
     """Largest number of effects in a set [1]."""
     tries: int = 8
     """Number of effects that are fitted together with a set in each round [1]."""
@@ -34,12 +34,12 @@ class Options:
         faults = []
         if not 0.5 <= self.credibility < 1.0:
             faults.append(f"credibility = {self.credibility!r}, expected in [0.5, 1)")
-        if not 0.0 < self.missing < 1.0:
-            faults.append(f"missing = {self.missing!r}, expected in (0, 1)")
+        if not 0.0 < self.prior < 1.0:
+            faults.append(f"prior = {self.prior!r}, expected in (0, 1)")
         if not self.seconds > 0.0:
             faults.append(f"seconds = {self.seconds!r}, expected > 0")
-        if not 1 <= self.most <= 12:
-            faults.append(f"most = {self.most!r}, expected from 1 to 12")
+        if not 1 <= self.max_effects <= 12:
+            faults.append(f"max_effects = {self.max_effects!r}, expected from 1 to 12")
         if not 1 <= self.tries <= 20:
             faults.append(f"tries = {self.tries!r}, expected from 1 to 20")
         for name, value in self.good_enough.items():

@@ -178,7 +178,7 @@ def problem_of(
     of_records = _errors(model, effects, observed, names, clock)
     return Problem(
         model=model,
-        causes=causes_of(model, effects, options.missing, of_records),
+        causes=causes_of(model, effects, options.prior, of_records),
         fit=observed,
         held_out=unseen,
         channels=channels,
@@ -292,7 +292,7 @@ def _observed(
         own = noise_of_channel(record, name, noise[name])
         sd[:, c] = own.sd_of_measured(record.time, values[:, c])
         for kind, scale in sensor.unknown.items():
-            apart = -1 if fault_of(kind).together else c
+            apart = -1 if fault_of(kind).common else c
             errors.setdefault((kind, scale, apart), []).append(c)
     for (kind, scale, _), some in errors.items():
         local.append(Local(kind, some[0], 0.0, scale, channels=tuple(some)))

@@ -324,13 +324,13 @@ class Event:
     delay: float
     """Delay of the record against the calibrated model [s]."""
     delay_explained: float
-    """With the told causes [s]."""
+    """With the causes of the answer [s]."""
     delay_sd: float
 
 
 @dataclass(frozen=True)
 class Place:
-    """A place where something unknown would explain the residual that the told causes leave."""
+    """A place where something unknown would explain the residual that remains with the answer."""
 
     name: str
     """A port of the model, or a component of the listed effects."""
@@ -370,12 +370,12 @@ class Result:
     classes: tuple[tuple[Named, ...], ...]
     """Each class: one of its members is missing."""
     parameters: tuple[ParameterValue, ...]
-    """Fitted parameters, with the told causes."""
+    """Fitted parameters, with the causes of the answer."""
     sets: tuple[SetOfCauses, ...]
     """Fitted sets, the most probable first."""
     held_out_gain: tuple[float, float, float] | None = None
-    """Ratio of the rms residuals of held-out records with and without the told causes, with its
-    95 % interval [1]; None: nothing is told."""
+    """Ratio of the rms residuals of held-out records with and without the causes of the answer, and
+    its 95 % interval [1]; None: no cause is in the answer."""
     nothing: float = 1.0
     """Posterior probability that no listed cause is missing [1]."""
     not_tried: tuple[str, ...] = ()
@@ -570,9 +570,9 @@ class Hint:
     """Whether nothing else explains it; a diagnosis refuses such records."""
 
 
-#: Outcomes of a case. With an effect: it is named, and nothing else is told; the only class that is
-#: told contains it; no cause is told, and the rest does not matter, or does ("unknown"); another
-#: cause is told. Without an effect: no cause is told, or one is. The diagnosis failed.
+#: Outcomes of a case. With an effect: the answer is this effect; a class that contains it; empty,
+#: and the rest does not matter, or does ("unknown"); anything else. Without an effect: the answer
+#: is empty, or not. The diagnosis failed.
 OUTCOMES = ("right", "class", "silent", "unknown", "wrong", "quiet", "false alarm", "none")
 
 
@@ -591,7 +591,7 @@ class Case:
     outcome: str = "none"
     """One of :data:`OUTCOMES`."""
     verdict: str = ""
-    told: tuple[tuple[str, ...], ...] = ()
+    answer: tuple[tuple[str, ...], ...] = ()
     """Named causes and classes; one name: a named cause."""
     covered: int = 0
     """Number of 95 % intervals of parameters and of the effect that contain the true value."""

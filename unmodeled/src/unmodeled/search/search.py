@@ -417,14 +417,14 @@ def _climb(
         ranked, seen = scored(fitted)
         some = [(s,) for s in _choose(problem, ranked, options.tries)]
         two = pairs(problem, fitted, seen, ranked)[:PAIRS]
-        room = options.most - len(fitted.members)
+        room = options.max_effects - len(fitted.members)
         return [(_with(fitted, *a), fitted, a) for a in (*some, *(two if room > 1 else ()))]
 
     def less(origin: Fitted) -> list[Fitted]:
         return [f for f in without_one(found, origin, check) if f is not None]
 
     tell("search")
-    while len(now.members) < options.most:  # add
+    while len(now.members) < options.max_effects:  # add
         jobs, first = tried(now), not found.first
         found.first = found.first or scored(now)[0]
         fits = [f for f in _refit(problem, found, jobs, check) if f is not None]

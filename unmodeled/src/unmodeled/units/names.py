@@ -347,7 +347,7 @@ def to_si(unit: str) -> tuple[float, str]:
 def _quantities_in(unit: str) -> set[tuple[float, ...]]:
     """Dimensions of the units of which a unit is composed."""
     tokens = re.findall(r"[^\s/*·()]+", _plain(unit))
-    return {ACCEPTED_UNITS[found[1]][1] for token in tokens if (found := _FACTOR.match(token))}
+    return {ACCEPTED_UNITS[match[1]][1] for token in tokens if (match := _FACTOR.match(token))}
 
 
 def _power(name: str, power: float) -> str:

@@ -80,11 +80,11 @@ def _check_letters(value: object) -> None:
     They have no use in names or remarks, and would reach file names, labels and pages.
     """
     if isinstance(value, str):
-        found = _FORBIDDEN.search(value)
-        if found is not None:
+        match = _FORBIDDEN.search(value)
+        if match is not None:
             raise ValueError(
                 f"got {shortened(repr(value))}, which holds the control character "
-                f"U+{ord(found[0]):04X}; expected printable text"
+                f"U+{ord(match[0]):04X}; expected printable text"
             )
     elif isinstance(value, Mapping):
         for key in value:
@@ -378,7 +378,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     neither = [i["loc"][:-1] for i in items if i["type"] in _NO_NUMBER and i["loc"][-1] == "float"]
     for item in items:
         if item["loc"][-1:] == ("str",) and item["loc"][:-1] in neither:
-            continue  # the fault of a number or text is told once
+            continue  # the fault of a number or text is listed once
         loc = tuple(p for p in item["loc"] if p != "function-before")
         kind = item["type"]
         number_or_text = loc[-1:] == ("float",) and kind in _NO_NUMBER
@@ -388,7 +388,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
             continue
         if number_or_text:
             kind = "number_or_text"
-        lines.append(f"{where}: {_told(kind, item, where, loc, model)}")
+        lines.append(f"{where}: {_text_of_fault(kind, item, where, loc, model)}")
     return [shortened(line, 1000) for line in lines]
 
 
@@ -406,7 +406,7 @@ _FAULTS = {
 }
 
 
-def _told(
+def _text_of_fault(
     kind: str, item: Mapping[str, Any], where: str, loc: tuple[Any, ...], model: type[BaseModel]
 ) -> str:
     """What is wrong, what was expected, and a hint."""

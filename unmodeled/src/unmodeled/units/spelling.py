@@ -126,9 +126,9 @@ def split_column(heading: str) -> tuple[str, str]:
     in square or angle brackets is a unit, known or not; elsewhere, only a known unit counts.
     """
     text = heading.strip()
-    found = _BRACKETS.fullmatch(text)
-    if found is not None and not _INDEX.fullmatch(text):
-        name, unit = (found[1] or "").strip(), found[2].strip()
+    brackets = _BRACKETS.fullmatch(text)
+    if brackets is not None and not _INDEX.fullmatch(text):
+        name, unit = (brackets[1] or "").strip(), brackets[2].strip()
         if text.endswith(("]", ">")):
             return name, spelled_unit(unit) or unit
         known = spelled_unit(unit)
