@@ -25,6 +25,7 @@ from unmodeled.data.mapping import (
     run_column,
     sheet_for,
     unit_of_column,
+    with_headed_units,
 )
 from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
@@ -245,6 +246,7 @@ def _read_file(
     numbered = bool(options.columns) or given is not None
     columns = columns or read_columns(path, numbered=numbered)
     columns = replace(columns, notes=[*columns.notes])  # notes of this reading are added
+    columns = with_headed_units(columns, signals, options)
     sheet = sheet_for(path, columns, signals, options, given)
     stated = given is not None and "likelihood" in given.model_fields_set
     if (stated or options.likelihood is not None) and not columns.likelihood:
