@@ -632,3 +632,12 @@ def test_a_unit_behind_the_name_of_a_channel(tmp_path):
     text, note = sketch_sheet(path, Signals(("U",), ("phi",), units={"U": "V", "phi": "rad"}))
     assert not note
     assert '[outputs."phi"]\ncolumn = "phi_deg"\nunit = "deg"' in text
+
+
+def test_a_tick_is_a_part_of_a_turn(tmp_path):
+    path = put(tmp_path, "t [ms],phi\n0,0\n10,1024\n20,4096\n")
+    model = {"outputs": ("phi",), "units": {"phi": "rad"}}
+    record = read_record(path, **model, options=ReadOptions(scales={"phi": "360deg/4096"}))
+    assert record.outputs["phi"] == pytest.approx([0.0, math.pi / 2, 2 * math.pi])
+    with pytest.raises(DataError, match=r"such as 0\.21mm or 360deg/4096"):
+        read_record(path, **model, options=ReadOptions(scales={"phi": "deg/4096"}))

@@ -430,8 +430,8 @@ def _series(
         if size is None:
             faults.append(
                 f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
-                f'{unit or "unit"} is, such as "0.21 mm", or the distance of two points, such as '
-                '"210 mm from 120 340 to 412 338"'
+                f"{unit or 'unit'} is, such as 0.21mm or 360deg/4096, or the distance of two "
+                'points, such as "210 mm from 120 340 to 412 338"'
             )
             return empty
         down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
@@ -513,6 +513,9 @@ _TWO_POINTS = re.compile(
     r"\s+to\s+(?P<x1>[^\s,;]+)[\s,;]+(?P<y1>[^\s,;]+)"
 )
 
+#: ``360deg/4096``: the size of one of several equal parts.
+_COUNTED = re.compile(r"(?P<size>.*[^\d\s./])\s*/\s*(?P<count>\d+(?:\.\d*)?)")
+
 
 def _scale(scale: float | str) -> tuple[float, str] | None:
     """Size and unit of one unit of the file; a bare number is in meters."""
@@ -525,6 +528,8 @@ def _scale(scale: float | str) -> tuple[float, str] | None:
         except ValueError:
             return None
         scale, apart = points["length"], math.hypot(x1 - x0, y1 - y0)
+    elif counted := _COUNTED.fullmatch(scale.strip()):
+        scale, apart = counted["size"], float(counted["count"])
     found = split_quantity(scale)
     if found is None or not (math.isfinite(found[0]) and found[0] and 0.0 < apart < math.inf):
         return None
