@@ -58,6 +58,8 @@ def put(folder, text, name="a.csv", encoding="utf-8"):
         ("P (W)", "P", "W"),
         ("U (mV)", "U", "mV"),
         ("I (mA)", "I", "mA"),
+        ("GPS speed (km/h)", "GPS speed", "km/h"),
+        ("Speed (mph)", "Speed", "mi/h"),
         ("I (A)", "I", "A"),
         ("R (Ω)", "R", "Ω"),
         ("c (mol/l)", "c", "mol/l"),
@@ -608,3 +610,34 @@ def test_an_empty_unit_of_a_model_is_none_that_is_known(tmp_path):
 def test_quotes_and_dashes_of_western_files_are_no_kanji(name):
     (line,) = text_lines(f"Temps [s];{name} [mm];Force [N]".encode("cp1252"), Path("a.csv")).texts
     assert line == f"Temps [s];{name} [mm];Force [N]"
+
+
+def test_a_unit_behind_the_name_of_a_channel(tmp_path):
+    text = "t_ms,U_V,phi_deg,x_rad\n0,1,0,0\n10,2,90,0\n20,3,180,0\n"
+    path = put(tmp_path, text)
+    model = {"inputs": ("U",), "outputs": ("phi", "x"), "units": {"U": "V", "phi": "rad", "x": "m"}}
+    record = read_record(path, **model)
+    assert list(record.outputs) == ["phi"]  # x in rad measures nothing of x
+    assert record.outputs["phi"][2] == pytest.approx(math.pi)
+    assert record.input_units == {"U": "V"}
+    assert any("phi_deg is phi in deg" in note for note in record.notes)
+    read = read_record(
+        path, **model, options=ReadOptions(columns={"x": "phi_deg"}, units={"x": "mm"})
+    )
+    assert read.outputs["x"][1] == pytest.approx(0.09)
+    assert "phi" not in read.outputs
+    other = {**model, "outputs": ("angle",), "units": {"U": "V", "angle": "rad"}}
+    named = read_record(path, **other, options=ReadOptions(columns={"angle": "phi_deg"}))
+    assert named.outputs["angle"][1] == pytest.approx(math.pi / 2)
+    text, note = sketch_sheet(path, Signals(("U",), ("phi",), units={"U": "V", "phi": "rad"}))
+    assert not note
+    assert '[outputs."phi"]\ncolumn = "phi_deg"\nunit = "deg"' in text
+
+
+def test_a_tick_is_a_part_of_a_turn(tmp_path):
+    path = put(tmp_path, "t [ms],phi\n0,0\n10,1024\n20,4096\n")
+    model = {"outputs": ("phi",), "units": {"phi": "rad"}}
+    record = read_record(path, **model, options=ReadOptions(scales={"phi": "360deg/4096"}))
+    assert record.outputs["phi"] == pytest.approx([0.0, math.pi / 2, 2 * math.pi])
+    with pytest.raises(DataError, match=r"such as 0\.21mm or 360deg/4096"):
+        read_record(path, **model, options=ReadOptions(scales={"phi": "deg/4096"}))

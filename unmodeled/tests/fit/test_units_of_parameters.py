@@ -162,3 +162,60 @@ def test_an_effect_in_another_unit_than_its_parameter_is_refused():
     extra = Effect(name="extra mass", component="load", unit="g", scale=50.0, data="m")
     with pytest.raises(InvalidParameter, match=r"extra mass: is in g .*parameter m, .* in kg"):
         simulator([]).diagnose(records(), effects=[extra])
+
+
+def test_units_of_a_function_are_those_of_its_inputs_and_outputs(tmp_path):
+    (tmp_path / "beside.py").write_text("GAIN = 2.0\n")
+    (tmp_path / "fan.py").write_text(
+        "from beside import GAIN\n\n\ndef fan(time, inputs, parameters):\n"
+        "    return {'flow': GAIN * parameters['c'] * inputs['speed']}\n"
+    )
+    rows = "".join(f"{0.1 * k:.1f},{60 + k},{1.0 + k}\n" for k in range(20))
+    (tmp_path / "a.csv").write_text("time [s],speed [rpm],flow [l/min]\n" + rows)
+    parameters = {"c": (0.01, 0.001, "1")}
+    loaded = load_model(f"{tmp_path / 'fan.py'}:fan", parameters=parameters)
+    ready = loaded.model.ready(loaded.read([tmp_path / "a.csv"]))
+    assert ready.records[0].inputs["speed"][0] == pytest.approx(2.0 * np.pi)
+    told = [n for n in ready.notes if "speed in rad/s" in n and "flow in m^3/s" in n]
+    assert len(told) == 1
+    assert "fan.units = {" in told[0]
+    with (tmp_path / "fan.py").open("a") as file:
+        file.write("\n\nfan.units = {'speed': 'rpm', 'flow': 'l/min'}\n")
+    loaded = load_model(f"{tmp_path / 'fan.py'}:fan", parameters=parameters)
+    ready = loaded.model.ready(loaded.read([tmp_path / "a.csv"]))
+    assert ready.records[0].inputs["speed"][0] == pytest.approx(60.0)
+    assert ready.records[0].outputs["flow"][0] == pytest.approx(1.0)
+    assert not any("gets and returns" in n for n in ready.notes)
+
+
+def test_a_share_is_that_of_the_value_of_the_file():
+    def rig(time, inputs, parameters):
+        return {"y": inputs["u"]}
+
+    rig.units, rig.values = {"bulk": "Pa", "ratio": "%"}, {"bulk": 9e8, "ratio": 40.0}
+    stated = Stated(("bulk=±10%", "ratio=±2%")).parameters
+    bulk, ratio = unmodeled.Simulator(rig, parameters=stated).parameters
+    assert (bulk.value, bulk.unit) == (9e8, "Pa")
+    assert bulk.sd == pytest.approx(9e7)
+    assert (ratio.value, ratio.sd) == (40.0, 2.0)
+
+
+def test_an_output_that_is_a_function_has_a_unit(tmp_path):
+    def rates(t, x, u, p):
+        return (-x.q / p.tau,)
+
+    def voltage(t, x, u, p):
+        return 2.0 * x.q
+
+    model = unmodeled.Equations(
+        rates,
+        states={"q": (1.0, 0.0, "1")},
+        parameters={"tau": (2.0, 0.1, "s")},
+        outputs={"U": (voltage, "V")},
+    )
+    assert model.units["U"] == "V"
+    rows = "".join(f"{0.1 * k:.1f},{2000.0 * np.exp(-0.05 * k):.3f}\n" for k in range(20))
+    (tmp_path / "a.csv").write_text("time [s],U [mV]\n" + rows)
+    (record,) = unmodeled.read(str(tmp_path / "a.csv"))
+    comparison = unmodeled.check(model, [record])
+    assert comparison.rows[0].rms < 1e-3

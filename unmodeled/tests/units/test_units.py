@@ -228,3 +228,23 @@ def test_powers_without_a_caret(unit, si, factor):
 def test_what_is_no_unit(unit):
     with pytest.raises(InvalidParameter, match="unknown unit"):
         conversion_factor(unit, "m")
+
+
+@pytest.mark.parametrize(
+    ("unit", "meant"),
+    [("Ns/m", "N s"), ("kgm2", "kg m2"), ("Nms/rad", "N m s or N ms"), ("W/m2K", "m2 K")],
+)
+def test_units_without_a_space_between_them_are_told(unit, meant):
+    with pytest.raises(InvalidParameter, match=f"did you mean {meant}"):
+        to_si(unit)
+
+
+def test_an_unknown_unit_of_many_letters_is_told_at_once():
+    with pytest.raises(InvalidParameter, match="unknown unit 'mmm"):
+        to_si("m" * 90)
+
+
+def test_speeds_of_vehicles():
+    assert conversion_factor("km/h", "m/s") == pytest.approx(1 / 3.6)
+    assert conversion_factor(spelled_unit("mph"), "m/s") == pytest.approx(0.44704)
+    assert conversion_factor(spelled_unit("mAh"), "A s") == pytest.approx(3.6)

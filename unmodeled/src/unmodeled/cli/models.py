@@ -182,7 +182,7 @@ def _prior(name: str, text: str) -> tuple[float | None, float, str]:
     unit = (value or deviation or (0.0, ""))[1]
     share = deviation is not None and deviation[1] == "%" and (value is None or unit != "%")
     # Without a value, a standard deviation with a unit must be there.
-    missing = value is None and (bool(whole.strip()) or share or not mark)
+    missing = value is None and (bool(whole.strip()) or not mark)
     try:
         to_si(unit or "1")
         size = _spread(value, deviation, unit, share=share)
@@ -202,8 +202,10 @@ def _spread(
     """Standard deviation in the unit of the value; without one infinite."""
     from unmodeled.units import conversion_factor
 
-    if deviation is None or (share and value is None):
+    if deviation is None:
         return math.inf
+    if share and value is None:
+        return deviation[0]  # of the value of the file, which the model knows
     if share and value is not None:
         return 0.01 * deviation[0] * abs(value[0])
     return deviation[0] * (conversion_factor(deviation[1] or unit, unit) if unit else 1.0)

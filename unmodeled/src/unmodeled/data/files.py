@@ -25,6 +25,7 @@ from unmodeled.data.mapping import (
     run_column,
     sheet_for,
     unit_of_column,
+    with_headed_units,
 )
 from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
@@ -245,6 +246,7 @@ def _read_file(
     numbered = bool(options.columns) or given is not None
     columns = columns or read_columns(path, numbered=numbered)
     columns = replace(columns, notes=[*columns.notes])  # notes of this reading are added
+    columns = with_headed_units(columns, signals, options)
     sheet = sheet_for(path, columns, signals, options, given)
     stated = given is not None and "likelihood" in given.model_fields_set
     if (stated or options.likelihood is not None) and not columns.likelihood:
@@ -428,8 +430,8 @@ def _series(
         if size is None:
             faults.append(
                 f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
-                f'{unit or "unit"} is, such as "0.21 mm", or the distance of two points, such as '
-                '"210 mm from 120 340 to 412 338"'
+                f"{unit or 'unit'} is, such as 0.21mm or 360deg/4096, or the distance of two "
+                'points, such as "210 mm from 120 340 to 412 338"'
             )
             return empty
         down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
@@ -511,6 +513,9 @@ _TWO_POINTS = re.compile(
     r"\s+to\s+(?P<x1>[^\s,;]+)[\s,;]+(?P<y1>[^\s,;]+)"
 )
 
+#: ``360deg/4096``: the size of one of several equal parts.
+_COUNTED = re.compile(r"(?P<size>.*[^\d\s./])\s*/\s*(?P<count>\d+(?:\.\d*)?)")
+
 
 def _scale(scale: float | str) -> tuple[float, str] | None:
     """Size and unit of one unit of the file; a bare number is in meters."""
@@ -523,6 +528,8 @@ def _scale(scale: float | str) -> tuple[float, str] | None:
         except ValueError:
             return None
         scale, apart = points["length"], math.hypot(x1 - x0, y1 - y0)
+    elif counted := _COUNTED.fullmatch(scale.strip()):
+        scale, apart = counted["size"], float(counted["count"])
     quantity = split_quantity(scale)
     if quantity is None or not (
         math.isfinite(quantity[0]) and quantity[0] and 0.0 < apart < math.inf

@@ -15,7 +15,7 @@ from unmodeled.data.series import Columns
 from unmodeled.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.tables import plain_name
 from unmodeled.errors import DataError, InvalidParameter, which_column
-from unmodeled.units import PIXEL, conversion_factor, spelled_unit
+from unmodeled.units import PIXEL, conversion_factor, spelled_unit, zero_and_factor
 from unmodeled.units.quantity import fault_text, shortened, validated
 
 _FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
@@ -130,6 +130,47 @@ def sheet_for(
     else:
         sheet = _of_columns(path, columns, options)
     return _changed(path, sheet, columns, signals, options)
+
+
+def with_headed_units(columns: Columns, signals: Signals, options: ReadOptions) -> Columns:
+    """The columns with units that follow the name of a channel: ``room_degC`` is room in degC.
+
+    The unit counts only if it measures the quantity of the channel in the model. A note tells it.
+    """
+    channel_of = {plain_name(n): n for n in (*signals.inputs, *signals.outputs)}
+    assigned = {columns.find(c): n for n, c in options.columns.items()}
+    taken = {plain_name(c) for c in columns.values} | {*options.columns}
+    found: dict[str, tuple[str, str]] = {}
+    for column in columns.values:
+        name, _, unit = column.rpartition("_" if "_" in column else " ")
+        channel = assigned.get(column)
+        if channel is None and plain_name(name) not in taken:
+            channel = channel_of.get(plain_name(name))
+        known = spelled_unit(unit) if channel and not columns.units.get(column) else None
+        if channel and known and _reads(known, signals.units.get(channel, "")):
+            found[column] = channel, known
+    if not found:
+        return columns
+    named = {c: c if c in assigned else found[c][0] if c in found else c for c in columns.values}
+    told = [f"{c} is {channel} in {unit}" for c, (channel, unit) in found.items()]
+    return replace(
+        columns,
+        values={named[c]: v for c, v in columns.values.items()},
+        units=columns.units | {named[c]: unit for c, (_, unit) in found.items()},
+        headings=columns.headings | {named[c]: c for c in found},
+        notes=[*columns.notes, f"{', '.join(told)} (--unit NAME=UNIT says another unit)"],
+    )
+
+
+def _reads(unit: str, wanted: str) -> bool:
+    """Whether a unit measures what the model wants; a plain number has only the unit %."""
+    if unit == PIXEL or not wanted or (wanted == "1" and unit != "%"):
+        return False
+    try:
+        zero_and_factor(unit, wanted)
+    except InvalidParameter:
+        return False
+    return True
 
 
 def _with_clock(columns: Columns, options: ReadOptions, stated: str) -> ReadOptions:

@@ -13,11 +13,12 @@ from unmodeled.data.mapping import (
     run_column,
     sheet_for,
     unit_of_column,
+    with_headed_units,
 )
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
 from unmodeled.errors import DataError
-from unmodeled.units import PIXEL
+from unmodeled.units import PIXEL, split_column
 
 
 def sketch_sheet(
@@ -39,8 +40,8 @@ def sketch_sheet(
     str
         Why the file is no record of the model, and what helps, also in the text; "" if it is one.
     """
-    columns = read_columns(path)
     options = options or ReadOptions()
+    columns = with_headed_units(read_columns(path), signals or Signals(), options)
     note = ""
     try:
         sheet = sheet_for(path, columns, signals or Signals(), options, None)
@@ -125,7 +126,8 @@ def _unit(name: str, spec: ColumnSpec, columns: Columns) -> str:
 def _column(name: str, spec: ColumnSpec, columns: Columns) -> list[str]:
     column = columns.find(spec.column or name)
     unit = _unit(name, spec, columns)
-    lines = [f"column = {_quoted(column)}"]
+    heading = columns.headings.get(column, column)
+    lines = [f"column = {_quoted(column if split_column(heading)[1] else heading)}"]
     lines.append(f"unit = {_quoted(unit)}" if unit else '# unit = "mm"  # no unit in the header')
     if spec.scale != "":
         lines.append(f"scale = {_quoted(spec.scale)}")

@@ -44,6 +44,9 @@ from unmodeled.fit.priors import (
 from unmodeled.fit.traces import System, Traces, untraced
 from unmodeled.units import same_unit, to_si
 
+#: What an output is: a state by its name, its rate, or a function.
+Output = str | Rate | Callable[[Any, Named, Named, Named], Any]
+
 
 @checked
 class Equations(Model):
@@ -63,7 +66,8 @@ class Equations(Model):
         As for :class:`Simulator`. The names of states, inputs and parameters must differ.
     outputs
         Name -> name of a state; or ``Rate("v")``, the rate of a state including effects; or a
-        function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects.
+        function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects; with
+        its unit, ``(voltage, "V")``, files in other units are converted to it.
         Default: every state by its name.
     inputs
         Names of the inputs that the rates use; a record must contain them. With their units, as
@@ -101,7 +105,7 @@ class Equations(Model):
         parameters: Priors = (),
         unknown: Unknowns = None,
         inputs: Sequence[str] | Mapping[str, str] | None = None,
-        outputs: Mapping[str, str | Rate | Callable[[Any, Named, Named, Named], Any]] | None = None,
+        outputs: Mapping[str, Output | tuple[Output, str]] | None = None,
         bounds: Bounds = None,
         coordinates: Sequence[Coordinate | Coupling] | None = None,
         ports: Mapping[str, str] | None = None,
@@ -120,6 +124,7 @@ class Equations(Model):
         self._unscaled = isinstance(states, Mapping)
         found = trial(self._rates, self._states, self.parameters, inputs)
         outputs = {s.name: s.name for s in self._states} if outputs is None else outputs
+        paired = {n: of for n, of in outputs.items() if isinstance(of, tuple) and len(of) == 2}
         inputs = found.inputs if inputs is None else inputs
         self.outputs = tuple(outputs)
         self.inputs = tuple(inputs)
@@ -134,9 +139,10 @@ class Equations(Model):
         self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
         self.method = method
         self._resolved = False
-        self._outputs = dict(outputs)
+        self._outputs = {n: paired[n][0] if n in paired else of for n, of in outputs.items()}
         self._unknown = tuple(neutral)
         self.units = _units_of(self._outputs, self._states)
+        self.units |= {n: unit for n, (_, unit) in paired.items()}
         self.units |= dict(inputs) if isinstance(inputs, Mapping) else {}
         self._port_states = dict(ports or {})
         self._make_ports()

@@ -828,7 +828,8 @@ def _with_inputs(record: Record, model: Model, notes: list[str]) -> Record:
         if not moved:
             return record
         which = ", ".join(moved.values())
-        notes.append(f"{record.name}: {which} is an input of the model {model.name}")
+        inputs = "are inputs" if len(moved) > 1 else "is an input"
+        notes.append(f"{record.name}: {which} {inputs} of the model {model.name}")
         return record.with_columns_as_inputs(moved, mode)
     return record
 

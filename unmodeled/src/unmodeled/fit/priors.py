@@ -151,6 +151,8 @@ class _Reader:
         self._units: Mapping[str, str] = getattr(function, "units", {})
         self._values: Mapping[str, float | None] = getattr(function, "values", {})
         self._limits: Mapping[str, tuple[float, float]] = getattr(function, "limits", {})
+        self._file = bool(self._values)
+        """Whether a file states its units: an FMU, a MuJoCo model."""
         called = getattr(function, "__name__", "")
         self._named = called if called.isidentifier() else "function"
         self._bounds = bounds
@@ -189,6 +191,8 @@ class _Reader:
         parts = [*prior] if isinstance(prior, list | tuple) else [prior]
         unit = parts[2] if len(parts) == 3 else "1"
         own = self._values.get(name) if parts and parts[0] is None else None
+        if own and unit == "%" and self._units.get(name) != "%" and _numbers(parts[1:2]):
+            parts[1], unit = 0.01 * parts[1] * abs(own), ""  # a share of the value of the file
         numbers = [*parts[:2]] if own is None else [own, *parts[1:2]]
         if not 1 <= len(parts) <= 3 or not _numbers(numbers) or not isinstance(unit, str):
             raise InvalidParameter(
@@ -275,10 +279,11 @@ class _Reader:
         """What the function gets where a number was converted."""
         if not self._told:
             return ()
-        return (
-            f"units: the function gets {', '.join(self._told)}; an attribute of it, such as "
-            f"{self._named}.units = {{{self._first!r}: {self._unit!r}}}, states another unit",
+        how = (
+            f"; an attribute of it, such as {self._named}.units = {{{self._first!r}: "
+            f"{self._unit!r}}}, states another unit"
         )
+        return (f"units: the function gets {', '.join(self._told)}{how * (not self._file)}",)
 
 
 # ------------------------------------------------------------------------------- sizes from trials

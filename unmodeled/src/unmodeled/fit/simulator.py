@@ -147,8 +147,9 @@ class Simulator(Model):
         unit)``, :class:`Exposed`, or an :class:`Effect` whose magnitude is added to zero. An effect
         whose ``data`` is the name of a parameter acts on it and need not be listed here.
     inputs, outputs
-        Names; or names and SI units, ``{"force": "N"}``. Default: the columns of the records that
-        the function reads, and those that it returns.
+        Names; or names and units, ``{"force": "N"}``. Default: the columns of the records that the
+        function reads, and those that it returns, in SI units or in those of its attribute
+        ``units``.
     bounds
         Lowest and highest value by name of a parameter or an unknown effect, in its stated unit.
     workers
@@ -183,8 +184,10 @@ class Simulator(Model):
         self.inputs = tuple(inputs or ())
         self.outputs = tuple(outputs or ())
         named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
-        self.units = {k: v for g in named for k, v in g.items() if v}  # "": unknown
         self._names = (*(p.name for p in self.parameters), *self._neutral)
+        own = getattr(function, "units", {})
+        self.units = {k: v for k, v in own.items() if v and k not in self._names}
+        self.units |= {k: v for g in named for k, v in g.items() if v}  # "": unknown
         everything = [*self._names, *self.inputs]
         faults = [
             f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
@@ -310,8 +313,22 @@ class Simulator(Model):
             out.effects, sizes = sized(self, self.effects, self._unsized, records)
         out._steps, notes = out._chosen_steps(records[0], again)
         out._ready = True
-        notes += [*self._converted, *sizes, *runner.notices]
+        notes += [*self._converted, *self._assumed(records), *sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
+
+    def _assumed(self, records: Sequence[Record]) -> list[str]:
+        """The units of channels for which the function states none."""
+        channels = (*self.inputs, *self.outputs)
+        known = {n: u for r in records for n, u in r.units.items() if n in channels}
+        told = {n: u for n, u in known.items() if u not in ("", "1") and n not in self.units}
+        if not told or hasattr(self.function, "values"):  # a file with its own units
+            return []
+        first = next(iter(told))
+        listed = ", ".join(f"{n} in {u}" for n, u in told.items())
+        return [
+            f"its function gets and returns {listed}; its attribute units, such as "
+            f"{self.name}.units = {{{first!r}: 'UNIT'}}, states other units"
+        ]
 
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
         """All parameters of the function, with the values without unknown effects."""

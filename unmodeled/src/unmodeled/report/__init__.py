@@ -138,7 +138,8 @@ def _statement(result: Result) -> str:
     elif result.named or result.classes:
         first = f"What was found takes away less than what matters: {misses}."
     elif result.complete:
-        first = f"No cause is missing: {misses}."
+        quiet = all(c.explained <= NOISE * c.noise for c in result.channels if c.noise > 0.0)
+        first = f"No cause {'' if quiet else 'that matters '}is missing: {misses}."
     else:
         first = f"No cause was found before the search ended: {misses}."
     if Reason.NOTHING_INSIDE in result.reasons:
@@ -185,7 +186,8 @@ def _remains(result: Result) -> str:
         c = result.worst
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
-        return f"The rest, {times_noise(c) or part(c, c.explained)}, does not matter."
+        rest, enough = times_noise(c) or part(c, c.explained), part(c, c.limit)
+        return f"The rest, {rest}, is less than what is good enough ({enough})."
     c = max(material, key=lambda c: c.explained / c.limit)
     more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
     left, enough = part(c, c.explained), part(c, c.limit)
@@ -266,9 +268,13 @@ def _held_out(result: Result) -> _Section:
     if result.held_out_gain is not None:
         value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
         what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
-        lines = [
-            f"Where nothing was fitted, the residual {what} with the causes ({high} to {low} %)."
-        ]
+        causes = "the causes"
+        if not (result.named or result.classes or result.supported) and result.sets:
+            causes = f"{joined(result.sets[0].causes)}, which is not needed"
+        if value:
+            lines = [
+                f"Where nothing was fitted, the residual {what} with {causes} ({high} to {low} %)."
+            ]
     remaining = [c for c in result.channels if c.fitted_explained < c.held_out_explained > c.limit]
     if remaining:
         c = max(remaining, key=lambda c: c.held_out_explained / c.limit)

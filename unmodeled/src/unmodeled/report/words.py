@@ -113,6 +113,20 @@ def _clause(c: Change) -> str:
     if not sure:
         be, has, differs, acts = ("may be", "may have", "may differ", "may act")
     if c.kind in ("sensor", "input"):
+        fault, _, place = c.title.partition(" of ")
+        if fault == "delay" and " in " not in place:
+            # The reading is late by the size, so that the machine is early against a late input.
+            sign = math.copysign(1.0, c.size)
+            ends = sorted((sign * c.low, sign * c.high))
+            of, name, low, high = _numbers(abs(c.size), *ends, c.unit, relative=False)
+            size = f"{of}{name} ({low} to {high})"
+            if c.kind == "input":
+                return (
+                    f"the {place} {acts} {size} {'earlier' if sign > 0 else 'later'} than recorded"
+                )
+            return f"the {place} {be} {size} {'late' if sign > 0 else 'early'}"
+        if fault == "lag" and " in " not in place:
+            return f"the {place} {has} a lag of {size}"
         return f"{_with_article(c.title)} {be} off by {size}"
     thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:

@@ -673,13 +673,15 @@ def _delays(rows: Sequence[Compared]) -> list[Hint]:
             Hint("delay", names, f"every channel is {text}: is the input on the same clock?"),
         ]
     # The others follow the model.
-    on_time = [r for r in rows if r not in late and r.rms <= SAME * min(o.rms for o in late)]
+    least = min(1.0, SAME * min(o.rms / o.motion for o in late))
+    on_time = [r for r in rows if r not in late and r.rms <= least * r.motion]
     if len(on_time) + len(late) < len(rows):
         return []
     where = dict.fromkeys(r.record for r in late)
     if set(where) == {r.record for r in rows}:
         others = ", ".join(dict.fromkeys(r.channel for r in on_time))
-        told = f"in every record, and {others} is not: does its sensor lag, or its clock?"
+        cause = "does its sensor lag, or its clock?" if mean > 0.0 else "is its clock ahead?"
+        told = f"in every record, and {others} is not: {cause}"
     else:
         told = (
             f"in record {', '.join(where)}, and not in the others: was this sensor or its clock "

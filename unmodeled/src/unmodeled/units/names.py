@@ -33,7 +33,16 @@ def _prefixed(name: str, prefixes: str = "mµnukM") -> dict[str, float]:
 
 #: Dimension as a product of units above it -> factors to SI of units that measure it.
 _UNITS_OF: dict[str, dict[str, float]] = {
-    "m": {"mm": 1e-3, "cm": 1e-2, "um": 1e-6, "µm": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "m": {
+        "mm": 1e-3,
+        "cm": 1e-2,
+        "um": 1e-6,
+        "µm": 1e-6,
+        "km": 1e3,
+        "in": 0.0254,
+        "ft": 0.3048,
+        "mi": 1609.344,
+    },
     "m^3": {"L": 1e-3, "l": 1e-3, "mL": 1e-6, "ml": 1e-6, "uL": 1e-9, "µL": 1e-9},
     "kg": {"g": 1e-3, "mg": 1e-6, "ug": 1e-9, "µg": 1e-9, "ng": 1e-12, "lb": 0.45359237},
     "s": {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "min": 60.0, "h": 3600.0, "day": 86400.0},
@@ -77,6 +86,7 @@ TEMPERATURE_SCALES = {
 }
 
 LONGEST_UNIT = 100  # characters
+LONGEST_PRODUCT = 8  # characters that are read as a product of units in a hint
 _FACTOR = re.compile(r"^(1(?=\^|$)|[A-Za-zµ%]+)(?:\^?([-+]?\d*\.?\d+))?$")
 #: Signs, and how they are written here. Letters mu and omega are not the signs of micro and ohm.
 _SIGNS = str.maketrans(
@@ -107,7 +117,7 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
         for token in part.replace("*", " ").replace("·", " ").split():
             match = _FACTOR.match(token)
             if match is None or match.group(1) not in ACCEPTED_UNITS:
-                raise ValueError(f"unknown unit {token!r}{_other_case(token)}")
+                raise ValueError(f"unknown unit {token!r}{_alike(token)}")
             power = sign * float(match.group(2) or 1.0)
             if abs(power) > 10.0:
                 raise ValueError(f"the power of {token!r} is beyond 10")
@@ -122,10 +132,24 @@ for _dimension, _names in _UNITS_OF.items():
     ACCEPTED_UNITS.update(_factors)
 
 
-def _other_case(token: str) -> str:
-    """A hint if a unit exists in another case."""
+def _alike(token: str) -> str:
+    """A hint if a unit exists in another case, or if units are written without a space."""
     near = [name for name in ACCEPTED_UNITS if name.lower() == token.lower()]
-    return f" (did you mean {' or '.join(near)}?)" if near else ""
+    near = near or [" ".join(parts) for parts in _products(token)]
+    return f" (did you mean {' or '.join(near[:2])}?)" if near else ""
+
+
+def _products(token: str) -> list[tuple[str, ...]]:
+    """Products of different units that are a text without its spaces, most units first."""
+    found: list[tuple[str, ...]] = []
+    for n in range(1, len(token) + 1 if len(token) <= LONGEST_PRODUCT else 0):
+        head, rest = token[:n], token[n:]
+        match = _FACTOR.match(head)
+        if match is None or match[1] not in ACCEPTED_UNITS or rest[:1].isdigit():
+            continue
+        others = _products(rest) if rest else [()]
+        found += [(head, *more) for more in others if head not in more]
+    return sorted(found, key=len, reverse=True)
 
 
 @checked

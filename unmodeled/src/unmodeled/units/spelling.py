@@ -49,6 +49,10 @@ _NAMES = {
     "kW": "kilowatt kilowatts",
     "ohm": "ohm ohms",
     "T": "tesla",
+    "km/h": "kmh kph kmph",
+    "mi/h": "mph",
+    "A h": "ah",
+    "mA h": "mah",
     PIXEL: "px pixel pixels pix",
 }
 #: Torques as instruments write them; "nm" is a length.
@@ -82,8 +86,8 @@ _BARE = re.compile(r"(.*?[^\s_,/])(\s*[_,/]\s*|\s+|\s+in\s+)([mkuµ]?N m|[^\s_,/
 #: Units that are no word and no label: after a space they count behind any name (``Taste mm``).
 _CLEAR = (
     "mm cm um µm ms us µs mN cN uN µN kN MN gf kgf lbf kPa MPa GPa hPa mbar psi mrad deg ° Hz kHz "
-    "rpm mA mV kW °C degC degF °F kg N/mm N/m m/s mm/s m/s^2 m/s² rad/s deg/s mN/mm Nm mNm uNm µNm "
-    "px"
+    "rpm km/h mA mV kW °C degC degF °F kg N/mm N/m m/s mm/s m/s^2 m/s² rad/s deg/s mN/mm Nm mNm "
+    "uNm µNm px"
 )
 
 
