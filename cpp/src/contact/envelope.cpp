@@ -319,7 +319,7 @@ CurveValue Envelope::loading(double e) const {
 void Envelope::blend_rows(double e_m, CycleStart& to) const {
   if (rows_ == 1) return;
   const double p = std::sqrt(std::min(e_m / reach_, 1.0)) * static_cast<double>(rows_ - 1);
-  const auto middle = std::min(static_cast<std::size_t>(p + 0.5), rows_ - 1);
+  const auto middle = std::min(static_cast<std::size_t>(std::lround(p)), rows_ - 1);
   const double f = p - static_cast<double>(middle);
   to.row[0] = middle > 0 ? middle - 1 : 0;
   to.row[1] = middle;

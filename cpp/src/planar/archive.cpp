@@ -168,7 +168,8 @@ class Reader {
     const std::size_t count = size();
     v = text_.substr(at_, count);
     at_ += count;
-    if (at_ >= text_.size() || text_[at_++] != ' ') fault("a text does not end");
+    if (at_ >= text_.size() || text_[at_] != ' ') fault("a text does not end");
+    ++at_;
   }
   void get(Vec2& v) {
     get(v.x);

@@ -445,7 +445,7 @@ void Dynamics::condense_axial() {
 /// Whether the condensed coordinates are left out of the equations.
 void Dynamics::hold_condensed(bool hold) {
   for (const int k : condensed_) held_[as_index(k)] = hold ? 1 : 0;
-  for (Twist& twist : twist_) twist.held = held_[as_index(twist.coordinate)];
+  for (Twist& twist : twist_) twist.held = held_[as_index(twist.coordinate)] != 0;
 }
 
 /// Their equations, which were assembled with the others, are kept apart.
