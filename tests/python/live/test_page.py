@@ -43,7 +43,7 @@ def slider(page, knob):
 
 
 def settled(page, more=""):
-    until(page, f"!feltmbLive.dirty && !feltmbLive.flying && feltmbLive.times.length > 0 {more}")
+    until(page, f"!feltmbLive.sent.size && feltmbLive.times.length > 0 {more}")
 
 
 def tip(page):
@@ -235,7 +235,7 @@ def test_every_way_to_play(opened, kind):
         "(() => { const s = document.querySelector('.play select');"
         f"s.value = '{kind}'; s.dispatchEvent(new Event('change')); return 1; }})()"
     )
-    until(opened, "!feltmbLive.dirty && !feltmbLive.flying && feltmbLive.played.includes("
+    until(opened, "!feltmbLive.sent.size && feltmbLive.played.includes("
           f"'\"kind\":\"{kind}\"')")  # fmt: skip
     assert opened.run("document.getElementById('faults').hidden")
     assert opened.complaints() == []

@@ -151,7 +151,7 @@ def test_a_thousand_changes_at_once_make_few_simulations(live, client):
 def test_a_newer_change_stops_an_older_simulation(live, client, monkeypatch):
     from feltmb.live import request_queue
 
-    monkeypatch.setattr(request_queue, "PATIENCE", 1e9)
+    monkeypatch.setattr(request_queue, "PATIENCE", 0.0)
     long = {"kind": "repeat", "rate": 4.0, "count": 10}
     before = set(live.studio.pages)  # may still be closing
     with client(live) as page:

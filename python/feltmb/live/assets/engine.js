@@ -61,9 +61,8 @@ class Machine {
     this.core = core;
     this.content = content;
     const {c} = core;
-    const {stage} = content;
-    stage.outlines = lines(stage.outlines);
-    if (stage.string?.modes) stage.string.modes.shapes = columns(stage.string.modes.shapes);
+    const {string} = this.look = content.hello.look;
+    this.modes = string?.shapes ? columns(string.shapes) : [];
     this.it = core.check(core.with([content.archive], c.feltmb_create));
     for (const [, point, [x, y], travel] of content.points) c.feltmb_watch_point(this.it, point, x, y, travel);
     const {strike, key} = content.reading;
@@ -278,32 +277,35 @@ function deflection(shapes, eta) {
 }
 
 function stageOf(machine, run, busy, quality, turned) {
-  const {content} = machine, {stage, order} = content, {time, values} = run;
+  const {content, look} = machine, {order} = content, {time, values} = run;
   const some = frameIndices(run, content.coordinates, busy, FRAMES[quality]);
   const rows = machine.poses(some.map(i => content.coordinates.map(n => values[n][i])));
   const column = (k, factor) => Float64Array.from(rows, row => factor * row[k]);
   const poses = order.bodies.flatMap(at => at < 0 ? [0, 1, 2].map(() => new Float64Array(some.length)) :
     [column(3 * at, 1e3), column(3 * at + 1, 1e3), column(3 * at + 2, 1)]);
   const force = n => values[`contact${String(n).padStart(2, "0")}.force`];
-  const contacts = stage.contacts.filter(c => spread(force(c.number))[1] > 1e-6);
+  const numbers = look.contacts.map(c => c.number).filter(n => spread(force(n))[1] > 1e-6);
   const first = 3 * order.names, line = first + 4 * order.numbers.length;
-  const places = contacts.flatMap(c => [1e3, 1e3, 1, 1].map((f, k) => column(first + 4 * order.numbers.indexOf(c.number) + k, f)));
+  const places = numbers.flatMap(n => [1e3, 1e3, 1, 1].map((f, k) => column(first + 4 * order.numbers.indexOf(n) + k, f)));
   const finger = values["finger.force"] && take(values["finger.force"], some);
-  const forces = contacts.map(c => take(force(c.number), some).map(f => Math.max(f, 0)));
+  const forces = numbers.map(n => take(force(n), some).map(f => Math.max(f, 0)));
   const peaks = [...forces, ...finger ? [finger.map(Math.abs)] : []].map(v => spread(v)[1]);
-  // Surfaces go along with what is turned.
-  const outlines = stage.outlines.map(points => points);
-  for (const [name, size] of Object.entries(turned.knobs))
-    for (const [shape, x, y] of content.shifts[name] || [])
-      outlines[shape] = outlines[shape].map(p => [p[0] + size * x, p[1] + size * y]);
-  const when = every(time.length, STRING), modes = stage.string?.modes;
-  const eta = modes ? run.eta.map(v => take(v, when, 1e3)) : [];
-  return {...stage, outlines, time: take(time, some, 1e3), poses, contacts, places, forces,
-    largest: Math.max(0, ...peaks),
-    beams: stage.beams.map((b, k) => ({...b, line: Array.from({length: 50}, (_, i) => column(line + 50 * k + i, 1e3))})),
-    finger: stage.finger && finger && {...stage.finger, force: [finger]},
-    string: stage.string && {...stage.string, modes: eta.length ? {...modes, time: take(time, when, 1e3), eta,
-      largest: deflection(modes.shapes, eta), step: 1e3 * (time[1] - time[0]) * (when[1] - when[0])} : null}};
+  const when = every(time.length, STRING), {modes} = machine, eta = modes.length ? run.eta.map(v => take(v, when, 1e3)) : [];
+  return {time: take(time, some, 1e3), poses, numbers, places, forces, largest: Math.max(0, ...peaks),
+    lines: look.beams.map((_, k) => Array.from({length: 50}, (_, i) => column(line + 50 * k + i, 1e3))),
+    finger: finger ? [finger] : null, shifts: shiftsOf(machine, turned),
+    modes: eta.length ? {time: take(time, when, 1e3), eta, which: [...eta.keys()], largest: deflection(modes, eta),
+      step: 1e3 * (time[1] - time[0]) * (when[1] - when[0])} : null};
+}
+
+// Shifts x, y of surfaces [mm], in the frame of their body.
+function shiftsOf(machine, turned) {
+  const {paths, first} = machine.content, out = {};
+  for (const [i, value] of machine.values(turned)) {
+    const found = /^surfaces\.(.+)\.point\.([xy])$/.exec(paths[i]);
+    if (found) (out[found[1]] ||= [0, 0])[found[2] === "x" ? 0 : 1] = 1e3 * (value - first[i]);
+  }
+  return out;
 }
 
 // A run for the page, in practical units.

@@ -5,7 +5,6 @@ const FIRST = {kind: "packaged", name: "forte", force: 5, speed: 0.2, travel: 0.
   drawn: "force", time: [], value: []};
 const READER = {m: [1e3, "mm"], rad: [180 / Math.PI, "deg"], "1": [100, "%"], s: [1e3, "ms"]};
 const FELT = 2;  // forces that a hand feels before the key bottom [N]
-const HOLD = 250;  // a newer change does not wait longer than this for an answer [ms]
 const COLOR = {get a() { return PAINT.runs[0]; }, get b() { return PAINT.runs[1]; }};
 
 const copyOf = thing => JSON.parse(JSON.stringify(thing));
@@ -71,7 +70,7 @@ class State {
 
 // ---------------------------------------------------------------- connection
 
-// One WebSocket; while a picture is under way only the newest change waits.
+// One WebSocket.
 class Line {
   static lacks = new Set();
 
@@ -86,7 +85,8 @@ class Line {
     const folder = location.pathname.replace(/[^/]*$/, "");
     const socket = this.socket = new WebSocket(`ws://${location.host}${folder}socket`);
     socket.onopen = () => { this.pause = 300; this.changed(true); };
-    socket.onmessage = e => this.heard(JSON.parse(e.data));
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = e => this.heard(unpackMessage(e.data));
     socket.onclose = () => {
       this.changed(false);
       setTimeout(() => this.open(), this.pause);
@@ -124,9 +124,9 @@ class Live {
     this.state = new State();
     this.id = 0;
     this.got = {a: null, b: null};
+    this.looks = {a: null, b: null};  // of the mechanism of the newest whole run
     this.shown = [];
-    this.changes = [];  // when what no request tells yet was changed
-    this.sent = new Map();  // when what a request tells was changed
+    this.sent = new Map();  // when what a request tells was changed; those without a picture yet
     this.times = [];  // from change to picture [ms], the newest last
     this.tab = "numbers";
     this.build();
@@ -144,9 +144,8 @@ class Live {
 
   connected(up) {
     this.say(up ? "" : "connection lost, trying again …", !up);
-    this.flying = null;
     this.sent.clear();
-    if (up) { this.dirty = true; this.pump(); }
+    if (up && this.hello) this.ask();
   }
 
   say(text, off = false) {
@@ -174,7 +173,7 @@ class Live {
     this.title.title = m.about;
     // Without a finger the machine moves by itself.
     if (!m.strokes.length) this.state.now.playing.kind = "free";
-    if (other) { this.fillTurn(); this.fillPlay(); this.fillTab(); }
+    if (other) { this.looks = {a: m.look, b: m.look}; this.fillTurn(); this.fillPlay(); this.fillTab(); }
     this.ask();
   }
 
@@ -203,48 +202,32 @@ class Live {
     return 1e-3 * Math.max(rest.end, ...viewer.runs.map(r => r.time(viewer.window[1])));
   }
 
-  // Something changed: simulate anew, as soon as the picture under way is here.
+  // Something changed: simulate anew. What computes takes the newest request, when it has ended the one before.
   ask(b = false) {
-    this.dirty = true;
-    if (b) this.dirtyB = true;
-    this.changes.push(performance.now());
-    this.pump();
-  }
-
-  pump() {
-    if (!this.hello || !this.dirty || !this.line.up) return;
-    const now = performance.now();
-    if (this.flying && now - this.flying.at < HOLD) {
-      clearTimeout(this.later);
-      this.later = setTimeout(() => this.pump(), HOLD - (now - this.flying.at) + 1);
-      return;
-    }
-    this.dirty = false;
-    const asked = this.request("a");
-    this.flying = {id: asked.id, at: now};
-    this.sent.set(asked.id, this.changes);
-    this.changes = [];
-    this.line.send(asked);
-    if (this.dirtyB) {
-      this.dirtyB = false;
-      this.line.send(this.state.now.b ? this.request("b") : {do: "forget"});
-    }
-    if (this.tab === "measured") this.measure();
+    this.b ||= b;
+    if (this.asking) return;
+    this.asking = true;
+    queueMicrotask(() => {
+      this.asking = false;
+      if (!this.hello || !this.line.up) return;
+      const asked = this.request("a");
+      this.sent.set(asked.id, performance.now());
+      this.line.send(asked);
+      if (this.b) this.line.send(this.state.now.b ? this.request("b") : {do: "forget"});
+      this.b = false;
+      if (this.tab === "measured") this.measure();
+    });
   }
 
   pictured(m) {
-    // The server computes the next picture while this one is drawn.
-    if (m.slot === "a" && m.run.quality === "quick" && this.flying && m.id >= this.flying.id) {
-      this.flying = null;
-      this.pump();
-    }
-    const first = !this.viewer, kind = JSON.stringify(this.state.now.playing);
+    const first = !this.viewer, kind = JSON.stringify(this.state.now.playing), {stage} = m.run;
+    stage.look = this.looks[m.slot] = stage.look || this.looks[m.slot];
     this.got[m.slot] = {...m.run, set: m.set, name: m.slot === "a" ? "A, turned" : "B, kept"};
     if (m.slot === "b" && !this.state.now.b) this.got.b = null;
     if (first) this.open();
     else this.viewer.replace(this.both(), {look: kind !== this.played});
     this.played = kind;
-    if (m.slot === "a" && m.run.quality === "full" && !this.flying) this.rest = {played: kind, end: m.run.busy[1]};
+    if (m.slot === "a" && m.run.quality === "full" && !this.sent.size) this.rest = {played: kind, end: m.run.busy[1]};
     const since = m.slot === "a" && m.run.quality === "quick" ? this.answered(m.id) : [];
     if (since.length) {
       requestAnimationFrame(() => {
@@ -253,30 +236,26 @@ class Live {
         this.say(`change to picture ${this.times.at(-1).toFixed(0)} ms`);
       });
     }
-    find("faults").classList.remove("of-state");
     if (this.fault) { this.fault = null; this.fileFaults([]); }
     this.showNumbers();
-    this.pump();
   }
 
   // When all was changed that a request and those before it told.
   answered(last) {
     const since = [];
-    for (const [id, times] of this.sent) if (id <= last) { since.push(...times); this.sent.delete(id); }
+    for (const [id, time] of this.sent) if (id <= last) { since.push(time); this.sent.delete(id); }
     return since;
   }
 
   both() { return [this.got.a, this.got.b].filter(r => r); }
 
   refused(m) {
-    this.flying = null;
     this.answered(m.id);
     this.fault = m.faults;
     const box = find("faults");
     box.hidden = false;
     box.replaceChildren(element("b", {}, "This cannot be simulated"),
       element("ul", {}, ...m.faults.map(f => element("li", {}, f))));
-    this.pump();
   }
 
   // -------------------------------------------------------------- structure

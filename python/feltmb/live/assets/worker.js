@@ -16,6 +16,7 @@ class Bench {
 
   ask(message) {
     this.asked = performance.now();
+    message.came = performance.now();
     if (message.do === "simulate") this.wanted[message.slot] = message;
     else if (message.do === "forget") delete this.wanted.b;
     else if (message.do === "measure") this.measuring = message;
@@ -59,7 +60,7 @@ class Bench {
         rate: Math.min(Math.max((SAMPLES.quick - 2) / stroke.duration, 2000), 5000)} : {});
       const simulated = performance.now(), picture = pictureOf(this.machine, run, asked.shown, quality, asked.turned);
       picture.last = 1e3 * stroke.duration;
-      picture.milliseconds = [simulated - begin, performance.now() - simulated].map(t => +t.toFixed(1));
+      picture.milliseconds = {queue: begin - asked.came, simulation: simulated - begin, description: performance.now() - simulated};
       postMessage({on: "run", slot, id: asked.id, run: picture, set: this.settings(asked.turned)});
     } catch (error) {
       this.done.full[slot] = asked;
