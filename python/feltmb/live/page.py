@@ -12,12 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
+from feltmb.action.regulate.targets import Step
 from feltmb.graphics.viewer.content import output_label, outputs_of
 from feltmb.graphics.viewer.html_page import policy, script_of, script_text
 from feltmb.live.knobs import Bench, Knob
 from feltmb.live.pictures import first_run, greeting, playable
+from feltmb.live.request_queue import target_row
 from feltmb.live.states import LONGEST
 from feltmb.mechanism import Action, describe, load_action
+from feltmb.mechanism.workshop import distance_from_joint
 from feltmb.params import names
 from feltmb.run.results import Run
 from feltmb.run.stroke import load_stroke
@@ -42,7 +45,7 @@ def export_page(action: Action | str | Path, path: str | Path, *, force: bool = 
 
     The file contains the mechanism, the core as a WebAssembly module, and the live page. It needs a
     browser, and neither network nor installation. Its numbers are those of :func:`simulate` but for
-    rounding of elementary functions. Sound, regulation, curves of hammer speeds and the diagnosis
+    rounding of elementary functions. Regulation by itself, weights of the touch and the diagnosis
     need ``feltmb live``.
 
     Parameters
@@ -169,6 +172,10 @@ def content_of(action: Action) -> dict[str, Any]:
             and {"point": reading.striker.point, "direction": reading.striker.direction},
         },
         "strokes": strokes,
+        "targets": [
+            _target(action, step) for step in (bench.targets.steps if bench.targets else ())
+        ],
+        "check_contacts": list(reading.check_contacts),
         "coordinates": list(action.coordinates),
         "outputs": _outputs(run, action),
         "order": _order(action),
@@ -221,6 +228,17 @@ def _strokes(action: Action) -> dict[str, Any]:
     return {n: s.as_dict() for n, s in strokes.items() if s.duration <= LONGEST}
 
 
+def _target(action: Action, step: Step) -> dict[str, Any]:
+    """A regulation target, and what its measurement needs."""
+    spring = None
+    if step.spring is not None:
+        of = action.config.springs[step.spring]
+        arm = distance_from_joint(action.config, of.coordinate, step.point or "")
+        spring = {"coordinate": of.coordinate, "name": step.spring, "arm": arm}
+    given = ("measure", "contact", "speed", "travel", "stroke", "target", "low", "high")
+    return target_row(step) | {k: getattr(step, k) for k in given} | {"spring": spring}
+
+
 def _outputs(run: Run, action: Action) -> dict[str, Any]:
     """Label, text, practical unit and its factor of every output."""
     out = {}
@@ -261,6 +279,5 @@ def _hello(
         "faults": [],
         "knobs": [knob for knob in found["knobs"] if knob["name"] in known],
         "numbers": [[row["path"], row["value"], row["unit"], row["meaning"]] for row in rows],
-        "targets": "",
         "notes": [*found["notes"], *notes],
     }

@@ -16,7 +16,7 @@ from typing import Any, Literal
 from feltmb.action.regulate import regulate
 from feltmb.action.regulate.measuring import Bench as Measures
 from feltmb.action.regulate.measuring import CannotMeasure
-from feltmb.action.regulate.targets import MEASURES
+from feltmb.action.regulate.targets import MEASURES, Step
 from feltmb.action.touch import distances, static_touch
 from feltmb.action.touch.strikes import simulate_strike
 from feltmb.live.knobs import Bench
@@ -291,6 +291,20 @@ def simulated(
         raise Stopped from None
 
 
+def target_row(step: Step) -> dict[str, Any]:
+    """A regulation target without its measured value."""
+    _, unit, factor, what = MEASURES[step.measure]
+    tolerance = None if step.tolerance is None else step.tolerance * factor
+    return {
+        "name": step.name,
+        "unit": unit,
+        "factor": factor,
+        "wanted": step.wanted,
+        "tolerance": tolerance,
+        "what": what,
+    }
+
+
 def target_rows(
     bench: Bench, action: Action, check: Callable[[], None] = lambda: None
 ) -> list[dict[str, Any]]:
@@ -299,13 +313,10 @@ def target_rows(
     measures = Measures()
     for step in bench.targets.steps if bench.targets else ():
         check()
-        _, unit, factor, what = MEASURES[step.measure]
-        row: dict[str, Any] = {"name": step.name, "unit": unit, "wanted": step.wanted, "what": what}
-        row["knob"] = f"screw.{step.name}" if f"screw.{step.name}" in bench.knobs else ""
-        row["tolerance"] = None if step.tolerance is None else step.tolerance * factor
+        row = target_row(step)
         try:
             value = measures.measure(action, step)
-            row |= {"value": value * factor, "holds": step.holds(value), "why": ""}
+            row |= {"value": value * row["factor"], "holds": step.holds(value), "why": ""}
         except CannotMeasure as error:
             row |= {"value": None, "holds": False, "why": str(error)}
         rows.append(row)

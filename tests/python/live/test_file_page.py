@@ -1,5 +1,6 @@
 """The page as one file: what is in it, its numbers in Node, and itself in a browser."""
 
+import base64
 import json
 import re
 import shutil
@@ -11,10 +12,17 @@ import numpy as np
 import pytest
 
 import feltmb
+from feltmb.adapters import mechanism_model
 from feltmb.graphics.plot.readings import busy_window, named_events
+from feltmb.graphics.viewer.packing import json_text
 from feltmb.live import page as made
 from feltmb.live.knobs import Bench
 from feltmb.live.pictures import summary_of
+from feltmb.live.request_queue import target_rows
+from feltmb.run.sound import difference, sampled, wav
+from unmodeled.data import ReadOptions
+from unmodeled.data.files import read_each
+from unmodeled.data.mapping import Signals
 
 ACTION = "steinway45_leaded"
 built = pytest.mark.skipif(
@@ -22,7 +30,7 @@ built = pytest.mark.skipif(
 )
 node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
-#: A run with what is turned: numbers, summary, events.
+#: A run with what is turned: numbers, summary, events; or what else the worker tells.
 MAIN = """
 const [moduleFile, contentFile, askedFile, answerFile] = process.argv.slice(2);
 const fs = require("fs");
@@ -30,9 +38,22 @@ const fs = require("fs");
   const [content, asked] = [contentFile, askedFile].map(f => JSON.parse(fs.readFileSync(f)));
   const core = await Core.load(fs.readFileSync(moduleFile));
   const machine = new Machine(core, content), out = [];
-  for (const {turned, stroke, rtol} of asked) {
+  for (const {turned, stroke, rtol, what, file, reading} of asked) {
     try {
       machine.turn(turned);
+      if (what === "targets") { out.push(targetRows(machine)); continue; }
+      if (what === "speeds") { out.push(speedRows(machine)); continue; }
+      if (what === "sound") {
+        const [own, other] = ["forte", "piano"].map(n => bridgeOf(machine.run(content.strokes[n], {rtol})));
+        const [rest, level] = differenceOf(own, other);
+        out.push({own: Buffer.from(wavOf(own)).toString("base64"), level});
+        continue;
+      }
+      if (what === "columns") {
+        const {time, channels} = readColumns(file, reading, content.outputs);
+        out.push([[...time], ...[...channels].map(([n, c]) => [n, c.fromStart, [...c.values]])]);
+        continue;
+      }
       const run = machine.run(content.strokes[stroke], {rtol, rate: 2000});
       const picture = pictureOf(machine, run, ["contact06.force"], "full", turned);
       out.push({
@@ -66,7 +87,7 @@ def in_node(tmp_path, content):
         text = "".join(assets.joinpath(p).read_text(encoding="utf-8") for p in parts) + MAIN
         for name, data in (
             ("main.js", text),
-            ("content.json", json.dumps(content)),
+            ("content.json", json_text(content)),
             ("asked.json", json.dumps(asked)),
         ):
             (tmp_path / name).write_text(data, encoding="utf-8")
@@ -140,6 +161,72 @@ def test_module_names_the_events_and_numbers_of_a_strike(in_node, action):
     assert found["busy"] == pytest.approx([1e3 * t for t in busy_window(run)], abs=0.51)
     assert found["frames"] > 100
     assert found["poses"] == 3 * (1 + len(action.config.bodies))
+
+
+@built
+@node
+def test_module_measures_what_a_regulation_measures(in_node, action):
+    bench = Bench(action)
+    turned = {"screw.lost motion": 3e-4, "screw.let-off": -4e-4}
+    asked = {"turned": {"knobs": turned, "numbers": {}}, "what": "targets"}
+    (found,) = in_node(asked)
+    rows = target_rows(bench, action.with_values(bench.values(turned, {})))
+    assert [r["name"] for r in found] == [r["name"] for r in rows]
+    for mine, row in zip(found, rows, strict=True):
+        assert mine["value"] == pytest.approx(row["value"], rel=2e-3, abs=1e-6), row["name"]
+        assert (mine["holds"], mine["wanted"]) == (row["holds"], row["wanted"])
+    assert {r["holds"] for r in rows} == {True, False}
+
+
+@built
+@node
+def test_module_sounds_as_the_native_core(in_node, action):
+    """Before the strike nothing sounds, and the strikes differ by what the tolerance leaves open."""
+    (found,) = in_node({"turned": PLAIN, "what": "sound", "rtol": 1e-9})
+    runs = [feltmb.simulate(action, n, ledger=False, rtol=1e-9) for n in ("forte", "piano")]
+    own, other = (sampled(run.time, run.bridge_force()) for run in runs)
+    mine, want = base64.b64decode(found["own"]), wav(own)
+    assert mine[:44] == want[:44]
+    heard, wanted = (np.frombuffer(w[44:], "<i2").astype(float) for w in (mine, want))
+    assert np.max(np.abs(heard - wanted)) < 1e-3 * np.max(np.abs(wanted))
+    rest = difference(own, other)
+    assert found["level"] == pytest.approx(
+        10 * np.log10(np.sum(rest**2) / np.sum(own**2)), abs=0.01
+    )
+
+
+@built
+@node
+def test_page_reads_pixels_as_gap_check_does(in_node, action, tmp_path):
+    rng = np.random.default_rng(1)
+    pixels = 300.0 + rng.normal(size=(5, 3))
+    names = ["time", "hammer_tip.x", "hammer_tip.y", "whippen.y"]
+    units = ["", "px", "px", "mm"]
+    table = np.column_stack([np.arange(5.0), pixels])
+    reading = {
+        "columns": {},
+        "units": {},
+        "scales": {"": "210 mm from 120 340 to 412 338"},
+        "origins": {"": "310.5,290"},
+        "frame_rate": 1000.0,
+        "down": None,
+    }
+    columns = [[n, u, list(v)] for n, u, v in zip(names, units, table.T, strict=True)]
+    asked = {"turned": PLAIN, "what": "columns", "file": {"name": "a.csv", "columns": columns}}
+    bad = asked | {"reading": reading | {"scales": {"": "some"}}}
+    found, fault = in_node(asked | {"reading": reading}, bad)
+    head = ",".join(f"{n} [{u}]" if u else n for n, u in zip(names, units, strict=True))
+    path = tmp_path / "a.csv"
+    path.write_text(head + "\n" + "\n".join(",".join(map(str, row)) for row in table))
+    model, _ = mechanism_model(action)
+    signals = Signals(inputs=(), outputs=model.outputs, modes={}, units={}, names=model.input_names)
+    ((record,),) = read_each([path], signals, ReadOptions(**reading))
+    time, *channels = found
+    assert time == pytest.approx(list(record.time))
+    assert {name for name, _, _ in channels} == set(record.outputs)
+    for name, _, values in channels:
+        assert values == pytest.approx(list(record.outputs[name]), rel=1e-12), name
+    assert "one pixel is some" in fault["fault"]
 
 
 def test_knobs_of_the_page_move_the_numbers_of_the_archive(content, action):

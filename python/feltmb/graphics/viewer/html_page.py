@@ -59,13 +59,14 @@ def assets() -> str:
 def policy(*scripts: str, simulates: bool = False) -> str:
     """Content security policy of a page: it loads nothing, and only its own scripts run.
 
-    ``simulates``: also the module of the core, in a worker that the page made.
+    ``simulates``: also the module of the core, in a worker that the page made, and what it gives to
+    hear.
     """
     hashes = " ".join(
         "'sha256-" + base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() + "'"
         for s in scripts
     )
-    worker = "; worker-src blob:" if simulates else ""
+    worker = "; worker-src blob:; media-src blob:" if simulates else ""
     hashes += " 'wasm-unsafe-eval'" if simulates else ""
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'"

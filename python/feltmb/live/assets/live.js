@@ -110,6 +110,12 @@ class Line {
 
   post(path, body) { return this.ask(path, {method: "POST", body: JSON.stringify(body)}); }
 
+  // The sound of what a message describes.
+  async sound(message) {
+    const answer = await this.post("sound", message);
+    return {wav: await answer.blob(), level: Number(answer.headers.get("X-Level") ?? NaN)};
+  }
+
   // A measured file; what is known of it.
   async add(file) { return (await this.ask("records?name=" + encodeURIComponent(file.name), {method: "POST", body: file})).json(); }
 
@@ -275,7 +281,7 @@ class Live {
         button("Reset all", () => this.resetAll())),
       element("span", {class: "group"}, this.keepButton, this.swapButton, this.dropButton),
       element("span", {class: "group"},
-        ...this.has("sound") ? [button("Hear", () => this.hearIt("a")), this.hearB, this.hearRest] : [],
+        button("Hear", () => this.hearIt("a")), this.hearB, this.hearRest,
         ...this.has("files") ? [button("Save TOML", () => this.save())] : []),
       this.status);
     this.playBar = element("div", {class: "play"});
@@ -601,26 +607,27 @@ class Live {
     this.say(`MIDI: ${this.midi.inputs.size} inputs`);
   }
 
-  async post(path, slot = "a", more = {}) {
+  // What answers a message about what is turned and played; null: it failed.
+  async tell(way, slot = "a", more = {}) {
     const turned = slot === "b" ? this.state.now.b : this.turned();
-    try { return await this.line.post(path, {id: 0, turned, playing: this.state.now.playing, ...more}); }
+    try { return await way({id: 0, turned, playing: this.state.now.playing, ...more}); }
     catch (error) { this.say(error.message, true); return null; }
   }
 
   // Each sound is played at full scale; how loud a difference is, is said.
   async hearIt(slot, rest = false) {
-    const answer = await this.post("sound", slot, rest ? {minus: this.state.now.b} : {});
+    const answer = await this.tell(m => this.line.sound(m), slot, rest ? {minus: this.state.now.b} : {});
     if (!answer) return;
-    const level = Number(answer.headers.get("X-Level") ?? NaN), wav = await answer.blob();
+    const {level, wav} = answer;
     if (rest) this.say(Number.isFinite(level) ? `A − B is ${round(Math.abs(level), 3)} dB ` +
       `${level < 0 ? "below" : "above"} A` : "A and B sound the same");
     if (this.sound) URL.revokeObjectURL(this.sound.src);
-    this.sound = new Audio(URL.createObjectURL(wav));
+    this.sound = new Audio(URL.createObjectURL(new Blob([wav], {type: "audio/wav"})));
     this.sound.play().catch(e => this.say(String(e), true));
   }
 
   async save(path = "toml", name = `${this.hello.name}_turned.toml`) {
-    const answer = await this.post(path);
+    const answer = await this.tell(m => this.line.post(path, m));
     if (!answer) return;
     const link = element("a", {href: URL.createObjectURL(await answer.blob()), download: name});
     link.click();
@@ -632,7 +639,7 @@ class Live {
   fillTab() {
     if (!this.hello) return;
     const names = [["numbers", "Numbers"], ["regulation", "Regulation"], ["touch", "Touch"], ["speeds", "Speeds"],
-      ["timing", "Timing"], ["loops", "Contact loops"], ["measured", "Measured"], ["command", "As a command"]].filter(([name]) => this.has(name));
+      ["timing", "Timing"], ["loops", "Contact loops"], ["measured", "Measured"], ["command", "As a command"]];
     this.tabs.replaceChildren(...names.map(([name, text]) => button(text, () => {
       this.tab = name;
       this.fillTab();
@@ -740,8 +747,8 @@ class Live {
     }
     const note = m?.fault ? m.fault : !m ? "measuring …" : m.rows.length ? "" : "there are no targets for this mechanism";
     this.tabBox.replaceChildren(table, element("p", {class: "hint"}, note),
-      button("Regulate", () => { this.say("regulating …"); this.line.send({do: "regulate", turned: this.turned()}); },
-        this.hello.targets ? {} : {disabled: ""}),
+      ...!this.has("regulation") ? [] : [button("Regulate", () => { this.say("regulating …");
+        this.line.send({do: "regulate", turned: this.turned()}); }, this.hello.targets ? {} : {disabled: ""})],
       element("div", {class: "turnings"}, ...this.turnings || []));
   }
 
@@ -976,7 +983,7 @@ class Live {
         this.fillFiles();
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
-      element("details", {}, element("summary", {}, "columns"), rows, ...this.has("files") ? this.camera() : []),
+      element("details", {}, element("summary", {}, "columns"), rows, ...this.camera()),
       ...!this.has("diagnosis") ? [] : [element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
         {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
         " minutes ", button("Stop", () => this.line.send({do: "stop"})),
