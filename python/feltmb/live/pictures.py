@@ -112,7 +112,10 @@ def _frames(run: Run, low: float, high: float, count: int) -> Array:
     moved[1:] += 0.2 * np.diff(time) / max(float(time[-1] - time[0]), 1e-6)
     way = np.cumsum(moved)
     wanted = np.linspace(way[0], way[-1], min(count, len(time)))
-    return np.asarray(time[np.unique(np.append(np.searchsorted(way, wanted[:-1]), len(time) - 1))])
+    # Forces change before things move: the ends of the motion are exact.
+    ends = [*np.searchsorted(time, (low, high)), len(time) - 1]
+    some = np.unique(np.append(np.searchsorted(way, wanted[:-1]), ends))
+    return np.asarray(time[some])
 
 
 def summary_of(run: Run) -> dict[str, float]:

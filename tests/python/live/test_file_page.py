@@ -18,7 +18,7 @@ from feltmb.graphics.viewer.packing import json_text
 from feltmb.live import page as made
 from feltmb.live.knobs import Bench
 from feltmb.live.pictures import summary_of
-from feltmb.live.request_queue import target_rows
+from feltmb.live.request_queue import speed_curve, target_rows
 from feltmb.run.sound import difference, sampled, wav
 from unmodeled.data import ReadOptions
 from unmodeled.data.files import read_each
@@ -44,7 +44,8 @@ const fs = require("fs");
       if (what === "targets") { out.push(targetRows(machine)); continue; }
       if (what === "speeds") { out.push(speedRows(machine)); continue; }
       if (what === "sound") {
-        const [own, other] = ["forte", "piano"].map(n => bridgeOf(machine.run(content.strokes[n], {rtol})));
+        const heard = name => bridgeOf(machine.run(content.strokes[name], {rtol}));
+        const [own, other] = [heard("forte"), heard("piano")];
         const [rest, level] = differenceOf(own, other);
         out.push({own: Buffer.from(wavOf(own)).toString("base64"), level});
         continue;
@@ -168,9 +169,13 @@ def test_module_names_the_events_and_numbers_of_a_strike(in_node, action):
 def test_module_measures_what_a_regulation_measures(in_node, action):
     bench = Bench(action)
     turned = {"screw.lost motion": 3e-4, "screw.let-off": -4e-4}
-    asked = {"turned": {"knobs": turned, "numbers": {}}, "what": "targets"}
-    (found,) = in_node(asked)
-    rows = target_rows(bench, action.with_values(bench.values(turned, {})))
+    asked = {"turned": {"knobs": turned, "numbers": {}}}
+    found, speeds = in_node(asked | {"what": "targets"}, asked | {"what": "speeds"})
+    changed = action.with_values(bench.values(turned, {}))
+    want = speed_curve(changed)
+    assert speeds["missed"] == want["missed"]
+    assert np.array(speeds["rows"]) == pytest.approx(np.array(want["rows"]), rel=1e-3)
+    rows = target_rows(bench, changed)
     assert [r["name"] for r in found] == [r["name"] for r in rows]
     for mine, row in zip(found, rows, strict=True):
         assert mine["value"] == pytest.approx(row["value"], rel=2e-3, abs=1e-6), row["name"]
@@ -181,7 +186,6 @@ def test_module_measures_what_a_regulation_measures(in_node, action):
 @built
 @node
 def test_module_sounds_as_the_native_core(in_node, action):
-    """Before the strike nothing sounds, and the strikes differ by what the tolerance leaves open."""
     (found,) = in_node({"turned": PLAIN, "what": "sound", "rtol": 1e-9})
     runs = [feltmb.simulate(action, n, ledger=False, rtol=1e-9) for n in ("forte", "piano")]
     own, other = (sampled(run.time, run.bridge_force()) for run in runs)
@@ -190,9 +194,8 @@ def test_module_sounds_as_the_native_core(in_node, action):
     heard, wanted = (np.frombuffer(w[44:], "<i2").astype(float) for w in (mine, want))
     assert np.max(np.abs(heard - wanted)) < 1e-3 * np.max(np.abs(wanted))
     rest = difference(own, other)
-    assert found["level"] == pytest.approx(
-        10 * np.log10(np.sum(rest**2) / np.sum(own**2)), abs=0.01
-    )
+    level = 10 * np.log10(np.sum(rest**2) / np.sum(own**2))
+    assert found["level"] == pytest.approx(level, abs=0.01)
 
 
 @built
@@ -288,11 +291,30 @@ def test_page_simulates_in_a_browser_without_a_server(browser, tmp_path, width):
     until(f"feltmbLive.got.b && feltmbLive.got.a.summary.impact_speed < 0.9 * {speed}")
     assert browser.complaints() == []
     assert browser.run("document.documentElement.scrollWidth") <= width
+    # What is heard is a sound file of the run.
+    browser.run("window.Audio = class { constructor(src) { window.heard = src; } async play() {} }")
+    browser.run("feltmbLive.hearRest.click()")
+    until("window.heard && feltmbLive.status.textContent.includes('sound the same')")
+    for tab, table in (("regulation", "targets"), ("touch", "touch"), ("speeds", "speeds")):
+        browser.run(f"feltmbLive.tab = '{tab}'; feltmbLive.fillTab(); feltmbLive.ask(true)")
+        until(f"feltmbLive.last && feltmbLive.last.{table}")
+        assert "fault" not in browser.run(f"Object.keys(feltmbLive.last.{table})")
+    lights = browser.run("feltmbLive.last.targets.rows.map(r => [r.name, r.value])")
+    assert dict(lights)["hammer blow"] == pytest.approx(45.0, abs=0.5)
     # A measured file, made of the model itself, has no distance from it.
     run = feltmb.simulate(ACTION, "piano", ledger=False)
-    rows = zip(run.time[::10], 1e3 * run["hammer_tip.x"][::10], strict=True)
-    table = "time [s],hammer_tip.x [mm]\n" + "\n".join(f"{t},{x}" for t, x in rows)
-    browser.run(f"feltmbLive.upload([new File([{json.dumps(table)}], 'm.csv')])")
-    until("feltmbLive.last && feltmbLive.last.measured && feltmbLive.last.measured.rows")
-    (row,) = browser.run("feltmbLive.last.measured.rows")
-    assert row["rms"] < 1e-3  # mm: samples at other times
+    x = 1e3 * run["hammer_tip.x"][::10]
+    for name, head, values in (("m.csv", "mm", x), ("pixels.csv", "px", x / 0.2)):
+        rows = zip(run.time[::10], values, strict=True)
+        table = f"time [s],hammer_tip.x [{head}]\n" + "\n".join(f"{t},{v}" for t, v in rows)
+        browser.run("feltmbLive.reading = null; feltmbLive.hello.files = []; 1")
+        browser.run("delete feltmbLive.last.measured")
+        browser.run(f"feltmbLive.upload([new File([{json.dumps(table)}], '{name}')])")
+        if head == "px":
+            until("feltmbLive.last.measured?.fault")
+            assert "how large is one" in browser.run("feltmbLive.last.measured.fault")
+            browser.run("feltmbLive.reading.scales[''] = '0.2 mm'; feltmbLive.measure(); 1")
+        until("feltmbLive.last.measured?.rows")
+        (row,) = browser.run("feltmbLive.last.measured.rows")
+        assert row["rms"] < 1e-3  # mm: samples at other times
+    assert browser.complaints() == []

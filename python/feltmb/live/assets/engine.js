@@ -380,8 +380,9 @@ function frameIndices(run, coordinates, [low, high], count) {
     while (moved[i] < moved[0] + k * (moved.at(-1) - moved[0]) / (most - 1)) i++;
     if (out.at(-1) !== i) out.push(i);
   }
-  if (out.at(-1) !== time.length - 1) out.push(time.length - 1);
-  return out;
+  // Forces change before things move: the ends of the motion are exact.
+  const ends = [low, high].map(t => time.findIndex(s => s >= t)).filter(i => i >= 0);
+  return [...new Set([...out, ...ends, time.length - 1])].sort((a, b) => a - b);
 }
 
 function every(count, most) {

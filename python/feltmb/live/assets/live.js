@@ -693,7 +693,7 @@ class Live {
       const [factor, text] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
       [x, y, x === undefined || y === undefined ? undefined : x - y].slice(0, b ? 3 : 1).forEach((v, k) => {
         const cell = this.numbers.cells[i][k];
-        put(cell, v === undefined ? "–" : `${round(factor * v, 5)} ${text}`);
+        put(cell, v === undefined ? "–" : `${round(factor * v, k < 2 ? 5 : 3)} ${text}`);
         if (v === undefined) delete cell.dataset.value; else cell.dataset.value = String(v);
       });
     });
@@ -983,7 +983,7 @@ class Live {
         this.fillFiles();
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
-      element("details", {}, element("summary", {}, "columns"), rows, ...this.camera()),
+      element("details", files.some(f => f.columns.some(c => c[1] === "px")) ? {open: ""} : {}, element("summary", {}, "columns"), rows, ...this.camera()),
       ...!this.has("diagnosis") ? [] : [element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
         {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
         " minutes ", button("Stop", () => this.line.send({do: "stop"})),
