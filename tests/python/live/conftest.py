@@ -97,7 +97,8 @@ class Client:
         """The first message that is wanted."""
         end = time.monotonic() + wait
         while True:
-            m = unpacked(self.socket.recv(timeout=max(0.01, end - time.monotonic())))
+            data = self.socket.recv(timeout=max(0.01, end - time.monotonic()))
+            m, self.bytes = unpacked(data), len(data)
             if wanted(m):
                 return m
 

@@ -239,7 +239,8 @@ class Live {
       requestAnimationFrame(() => {
         this.times.push(...since.map(t => performance.now() - t));
         this.times.splice(0, this.times.length - 500);
-        this.say(`change to picture ${this.times.at(-1).toFixed(0)} ms`);
+        this.say("");
+        this.status.title = `change to picture ${this.times.at(-1).toFixed(0)} ms`;
       });
     }
     if (this.fault) { this.fault = null; this.fileFaults([]); }
