@@ -682,7 +682,7 @@ class Live {
       const rows = (table, names, columns) => names.map(name => {
         const row = table.insertRow(), cells = columns.map(() => element("td", {class: "n"}));
         row.dataset.name = name;
-        row.append(element("td", {}, name.replace(/_/g, " ")), ...cells);
+        row.append(element("td", {}, name.replace(/_/g, " ") + (table === energy || !unit(name)[1] ? "" : ` [${unit(name)[1]}]`)), ...cells);
         return cells;
       });
       this.numbers = {key, table, cells: rows(table, names, b ? [1, 2, 3] : [1]), energies: rows(energy, energies.map(e => e[0]), [1])};
@@ -691,10 +691,10 @@ class Live {
         ...a.warnings.map(w => element("p", {class: "hint"}, w)));
     }
     names.forEach((name, i) => {
-      const [factor, text] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
+      const [factor] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
       [x, y, x === undefined || y === undefined ? undefined : x - y].slice(0, b ? 3 : 1).forEach((v, k) => {
         const cell = this.numbers.cells[i][k];
-        put(cell, v === undefined ? "–" : `${round(factor * v, k < 2 ? 5 : 3)} ${text}`);
+        put(cell, v === undefined ? "–" : round(factor * v, k < 2 ? 5 : 3));
         if (v === undefined) delete cell.dataset.value; else cell.dataset.value = String(v);
       });
     });
