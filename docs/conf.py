@@ -69,6 +69,9 @@ html_title = f"feltmb {release}"
 html_copy_source = False
 html_show_sourcelink = False
 html_static_path: list[str] = []
+#: What tools/docs.sh copies into the site.
+EXTRA = ROOT / "build" / "pages"
+html_extra_path = [str(EXTRA)] if EXTRA.is_dir() else []
 html_theme_options = {"navigation_with_keys": True}
 
 OUTSIDE = re.compile(r"(?<!!)\[([^\]]*)\]\(((?:\.\./)+[^)\s#]*)(#[^)\s]*)?\)")
@@ -92,6 +95,21 @@ def name_files_of_the_repository(app: Any, page: str, source: list[str]) -> None
     source[0] = "".join(p if p.startswith("```") else OUTSIDE.sub(shown, p) for p in parts)
 
 
+PLAYED = {"steinway45_leaded": "an upright action", "grand_action": "a grand action"}
+
+
+def link_actions(app: Any, page: str, source: list[str], folder: Path = EXTRA) -> None:
+    """Links to the pages of actions that tools/docs.sh made, in place of a comment."""
+    up = "../" * page.count("/")
+    links = [
+        f'<a href="{up}actions/{name}.html">{text}</a>'
+        for name, text in PLAYED.items()
+        if (folder / "actions" / f"{name}.html").is_file()
+    ]
+    text = f"Turn, play and hear in the browser, with nothing to install: {', '.join(links)}."
+    source[0] = source[0].replace("<!-- actions to play with -->", text if links else "")
+
+
 def find_public_name(app: Any, env: Any, node: Any, content: Any) -> Any:
     """A type that a signature names by the module that defines it, found where it is described."""
     public = PUBLIC_NAMES.get(node.get("reftarget", ""))
@@ -104,4 +122,5 @@ def find_public_name(app: Any, env: Any, node: Any, content: Any) -> Any:
 def setup(app: Any) -> None:
     app.connect("builder-inited", lambda app: make_reference.write())
     app.connect("source-read", name_files_of_the_repository)
+    app.connect("source-read", link_actions)
     app.connect("missing-reference", find_public_name)

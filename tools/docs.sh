@@ -15,6 +15,17 @@ if ! fresh docs "$wanted"; then
   step 'packages of the site' pip install "${packages[@]}" || die 'The packages of the site could not be installed.'
   stamp docs "$wanted"
 fi
+# Actions to play with in the browser, if the module of `feltmb page` is there. docs/conf.py links them.
+pages=build/pages/actions
+rm -rf build/pages && mkdir -p "$pages"
+if "$vpy" -c 'import sys; from feltmb.live.page import MODULE; sys.exit(not MODULE.is_file())'; then
+  for action in steinway45_leaded grand_action; do
+    step "page of $action" "$vpy" -m feltmb page "$action" -o "$pages/$action.html" ||
+      die "The page of $action could not be written."
+  done
+else
+  say '  without pages of actions: their module is not built; bash tools/wasm.sh builds it'
+fi
 # Read anew, since the code that notebooks run may have changed.
 FELTMB_DOCS_NOTEBOOKS=$notebooks "$vpy" -m sphinx --builder html --fail-on-warning --fresh-env --quiet \
   --doctree-dir build/docs-doctrees docs build/docs

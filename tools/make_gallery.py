@@ -48,6 +48,8 @@ repeats all computations (`tests/python/docs/test_gallery.py`). To run one examp
 ```console
 $ python examples/gallery/bouncing.py bouncing.png
 ```
+
+<!-- actions to play with -->
 """
 
 

@@ -304,7 +304,7 @@ fingerprint() {  # of all that decides what the installed package is, without wh
   {
     find pyproject.toml CMakeLists.txt README.md LICENSE cpp python unmodeled/pyproject.toml \
       unmodeled/setup.py unmodeled/README.md unmodeled/LICENSE unmodeled/src \
-      \( -name __pycache__ -o -name '*.egg-info' -o -name '*.so' -o -name '*.wasm' \) -prune -o -type f -print0 |
+      \( -name __pycache__ -o -name '*.egg-info' -o -name '*.so' \) -prune -o -type f -print0 |
       LC_ALL=C sort -z | xargs -0 sha256sum
     # shellcheck disable=SC2086
     "$vpy" -VV && $CXX --version

@@ -85,6 +85,8 @@ for python in "${pythons[@]}"; do
     say "$wheel: holds SUNDIALS as a shared library, expected the static one"
     exit 1
   fi
+  unzip -l "$wheel" | grep -q _core_page.wasm ||
+    say "$wheel: without the module of \`feltmb page\`; bash tools/wasm.sh builds it before"
   cp "$wheel" dist/
   "$own" -m pip --disable-pip-version-check install --quiet "$wheel[test,fmi]"
   # The interpreter sees the installed package only: no source of this clone is on its path.

@@ -1,12 +1,14 @@
 """The live page while a control is dragged: latency in Chromium, and memory of the server.
 
-    python bench/speed/live_page.py latency [--changes 60] [--every 0.03] [--tab numbers]
+    python bench/speed/live_page.py latency [--changes 60] [--every 0.03] [--tab numbers] [--page]
     python bench/speed/live_page.py memory [--minutes 30] [--rate 6]
 
-The server is a process of its own. Latency: from a change of the slider to the frame after the new
-picture was drawn, of every change; processor times of the server and of all processes of the
-browser by picture. Memory: three random controls at a time, two strokes, six random curves, a rest
-of 0.8 s after 20 changes, a new connection after 400; the least and the largest of each minute.
+The server is a process of its own; with --page the file of `feltmb page` is measured. Latency: from
+a change of the slider to the frame after the new picture was drawn, of every change, and its parts;
+the work of the main thread of the browser, and the processor times of the server and of all
+processes of the browser, by picture. Memory: three random controls at a time, two strokes, six
+random curves, a rest of 0.8 s after 20 changes, a new connection after 400; the least and the
+largest of each minute.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from types import ModuleType, SimpleNamespace
 
 import numpy as np
@@ -32,25 +35,28 @@ SLIDER = """(() => {
   const b = e.getBoundingClientRect();
   return [b.x, b.y, b.width, b.height];
 })()"""
-#: What the server says of its own times, and how long an answer takes [ms].
+#: Parts of the time of a picture [ms]: those that the server tells, the rest of the way of the
+#: answer, the script of the page, and the wait for the next frame.
 LISTEN = """(() => {
-  const live = feltmbLive, sent = new Map(), send = live.line.send, hear = live.hear;
+  const live = feltmbLive, hear = live.hear;
   live.times = [];
-  window.told = {simulation: [], description: [], answer: []};
-  live.line.send = function (m) {
-    if (m.do === "simulate") sent.set(m.id, performance.now());
-    return send.call(this, m);
-  };
+  window.told = {};
   live.hear = function (m) {
-    if (m.on === "run" && m.run.quality === "quick") {
-      told.simulation.push(m.run.milliseconds[0]);
-      told.description.push(m.run.milliseconds[1]);
-      if (sent.has(m.id)) told.answer.push(performance.now() - sent.get(m.id));
-    }
-    return hear.call(this, m);
+    const quick = m.on === "run" && m.run.quality === "quick";
+    if (!quick || !live.sent.has(m.id)) return hear.call(this, m);
+    const parts = {...m.run.milliseconds}, heard = performance.now();
+    parts.transport = heard - live.sent.get(m.id) - Object.values(parts).reduce((a, b) => a + b, 0);
+    hear.call(this, m);
+    const drawn = parts.script = performance.now() - heard;
+    requestAnimationFrame(() => {
+      parts.frame = performance.now() - heard - drawn;
+      for (const [name, t] of Object.entries(parts)) (told[name] ||= []).push(t);
+    });
   };
   return 1;
 })()"""
+#: Counters of the browser: work of its main thread [s].
+WORK = ("TaskDuration", "ScriptDuration", "LayoutDuration", "RecalcStyleDuration")
 
 
 def of_tests(path: str) -> ModuleType:
@@ -61,6 +67,15 @@ def of_tests(path: str) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+@contextmanager
+def exported() -> Iterator[tuple[int, str]]:
+    """No process, and the address of a file of `feltmb page`."""
+    from feltmb import export_page
+
+    with TemporaryDirectory() as folder:
+        yield 0, export_page("steinway45", Path(folder) / "action.html").as_uri()
 
 
 @contextmanager
@@ -81,7 +96,9 @@ def numbers_of(pid: int) -> list[str]:
 
 
 def processor(pid: int) -> float:
-    """Processor time [s] of a process and all below it, to a tick."""
+    """Processor time [s] of a process and all below it, to a tick; 0 of no process."""
+    if not pid:
+        return 0.0
     found = numbers_of(pid)
     total = (int(found[11]) + int(found[12])) / TICK
     for other in Path("/proc").iterdir():
@@ -100,9 +117,10 @@ def resident(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def latency(changes: int, every: float, tab: str) -> None:
+def latency(changes: int, every: float, tab: str, page_file: bool) -> None:
     browser = of_tests("python/graphics/conftest.py").Browser
-    with serving() as (pid, address), browser(1400, 900) as page:
+    where = exported() if page_file else serving()
+    with where as (pid, address), browser(1400, 900) as page:
 
         def until(expression: str) -> None:
             end = time.monotonic() + 60.0
@@ -120,28 +138,42 @@ def latency(changes: int, every: float, tab: str) -> None:
                 time.sleep(max(0.0, every - (time.monotonic() - begin)))
             page.mouse("mouseReleased", x + 0.5 * w, y + 0.5 * h)
 
+        def work() -> list[float]:
+            found = {m["name"]: m["value"] for m in page.call("Performance.getMetrics")["metrics"]}
+            return [found[name] for name in WORK]
+
+        begin = time.monotonic()
         page.open(address)
+        page.call("Performance.enable")
+        until("!!(window.feltmbLive && feltmbLive.viewer)")
+        print(f"first picture: {1e3 * (time.monotonic() - begin):.0f} ms")
         until("!!(window.feltmbLive && feltmbLive.viewer && feltmbLive.got.a.quality === 'full')")
         page.run(f"feltmbLive.tab = {tab!r}; feltmbLive.fillTab(); 1")
         drag(20)
         time.sleep(1.5)
         page.run(LISTEN)
-        before = processor(pid), processor(page._process.pid)
+        before = processor(pid), processor(page._process.pid), *work()
         drag(changes)
-        after = processor(pid), processor(page._process.pid)
-        until("!feltmbLive.dirty && !feltmbLive.flying")
+        until("!feltmbLive.sent.size")
+        after = processor(pid), processor(page._process.pid), *work()
+        until(f"feltmbLive.times.length >= {changes}")
         times, told = page.run("feltmbLive.times"), page.run("told")
-    pictures = len(told["simulation"])
+    pictures = len(told["script"])
     deciles, most = statistics.quantiles(times, n=10), statistics.quantiles(times, n=20)[-1]
     print(f"load {os.getloadavg()[0]:.1f}; {len(times)} changes, {pictures} pictures")
     print(
         f"change to picture: median {statistics.median(times):.0f} ms, "
         f"deciles {deciles[0]:.0f} and {deciles[-1]:.0f} ms, 95 % within {most:.0f} ms"
     )
-    for name, values in told.items():
-        print(f"{name}: median {statistics.median(values):.1f} ms")
-    server, browsing = (1e3 * (b - a) / pictures for a, b in zip(before, after, strict=True))
-    print(f"processor time by picture: server {server:.0f} ms, browser {browsing:.0f} ms")
+    parts = [f"{name} {statistics.median(values):.1f}" for name, values in told.items()]
+    print(f"parts of a picture, medians [ms]: {', '.join(parts)}")
+    costs = [1e3 * (b - a) / pictures for a, b in zip(before, after, strict=True)]
+    print("processor time by picture: server {:.0f} ms, browser {:.0f} ms".format(*costs[:2]))
+    print(
+        "main thread by picture: all {:.1f} ms, script {:.1f}, layout {:.1f}, style {:.1f}".format(
+            *costs[2:]
+        )
+    )
 
 
 def memory(minutes: float, rate: float) -> None:
@@ -194,11 +226,12 @@ def main() -> None:
     parser.add_argument("--changes", type=int, default=60)
     parser.add_argument("--every", type=float, default=0.03, help="time between changes [s]")
     parser.add_argument("--tab", default="numbers")
+    parser.add_argument("--page", action="store_true", help="the file of feltmb page")
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--rate", type=float, default=6.0, help="changes a second")
     given = parser.parse_args()
     if given.what == "latency":
-        latency(given.changes, given.every, given.tab)
+        latency(given.changes, given.every, given.tab, given.page)
     else:
         memory(given.minutes, given.rate)
 

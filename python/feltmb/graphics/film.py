@@ -21,7 +21,7 @@ from feltmb.graphics.plot.poses import (
     to_ground,
 )
 from feltmb.graphics.plot.readings import busy_window, loaded_contacts
-from feltmb.graphics.plot.shapes import scene, view_box
+from feltmb.graphics.plot.shapes import Scene, scene, view_box
 from feltmb.run.reading import striker_speed
 from unmodeled.errors import InvalidParameter
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 Array = npt.NDArray[np.float64]
 
 STRING_POINTS = 48
+#: Number of frames that determine how much of each surface is drawn.
+POSES = 13
 
 
 def time_window(run: Run, window: tuple[float, float] | None, what: str) -> tuple[float, float]:
@@ -59,15 +61,13 @@ class Film:
         Times [s].
     q : ndarray (n_pictures, n_coordinates)
         Coordinates [rad, m] of the mechanism.
-    scene : Scene
-        Shapes; ``limits`` are the corners [m] of the covered area.
     contacts : list of int
-        Numbers of the contacts with a force; ``forces`` [N] by number. ``sides`` are of all.
+        Numbers of the contacts with a force; ``forces`` [N] by number.
     finger : ndarray (n_pictures,) or None
         Force [N].
     """
 
-    def __init__(self, run: Run, action: Action, times: Array, poses: int = 13):
+    def __init__(self, run: Run, action: Action, times: Array):
         missing = [name for name in action.coordinates if name not in run]
         if missing:
             raise InvalidParameter(f"the run lacks the coordinates {', '.join(missing)}")
@@ -76,22 +76,35 @@ class Film:
         self.time = times
         self.q = np.column_stack([self.sample(name) for name in action.coordinates])
         # A few poses are sufficient for the range of the contacts along their surfaces.
-        some = np.unique(np.linspace(0, len(times) - 1, poses).astype(int))
+        some = np.unique(np.linspace(0, len(times) - 1, POSES).astype(int))
         self.some = [self.q[i] for i in some]
-        self.scene = scene(action, self.some)
-        self.limits = view_box(action, self.scene, self.some)
         enabled = {int(k) for k, c in action.config.contacts.items() if c.enabled}
         self.contacts = [n for n in loaded_contacts(run) if n in enabled]
         self.forces = {
             n: np.maximum(self.sample(f"contact{n:02d}.force"), 0) for n in self.contacts
         }
         self.finger = self.sample("finger.force") if "finger.force" in run else None
-        rows, at = contact_rows(action, self.q[0]), self.poses(0)
-        self.sides = {n: self._sides(n, rows[n], at) for n in sorted(enabled & rows.keys())}
         peaks = [float(np.max(f)) for f in self.forces.values()]
         if self.finger is not None and action.config.finger is not None:
             peaks.append(float(np.max(np.abs(self.finger))))
         self.largest = max(peaks, default=0.0)
+
+    @cached_property
+    def scene(self) -> Scene:
+        """Shapes of the mechanism."""
+        return scene(self.action, self.some)
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Corners of the area that is covered [m]."""
+        return view_box(self.action, self.scene, self.some)
+
+    @cached_property
+    def sides(self) -> dict[int, tuple[float, ...]]:
+        """Signs of the forces on the movable bodies, along the normal, of each enabled contact."""
+        rows, at = contact_rows(self.action, self.q[0]), self.poses(0)
+        enabled = {int(k) for k, c in self.action.config.contacts.items() if c.enabled}
+        return {n: self._sides(n, rows[n], at) for n in sorted(enabled & rows.keys())}
 
     @cached_property
     def speed(self) -> Array | None:

@@ -29,6 +29,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from feltmb import __version__
 from feltmb.graphics.viewer import script_of
+from feltmb.graphics.viewer.packing import binary_message
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Uploads
 from feltmb.live.pictures import greeting
@@ -130,6 +131,7 @@ class Page:
 
     def post(self, kind: str, message: dict[str, Any]) -> None:
         """Queue a message for the page; a newer message replaces an unsent one of the same kind."""
+        self._box.pop(kind, None)  # the newest message is sent last
         self._box[kind] = message
         self._filled.set()
 
@@ -218,9 +220,9 @@ class Page:
             self._filled.clear()
             while self._box:
                 kind = next(iter(self._box))
-                text = json.dumps(self._box.pop(kind), separators=(",", ":"))
+                data = binary_message(self._box.pop(kind))
                 try:
-                    await self.socket.send_text(text)
+                    await self.socket.send_bytes(data)
                 except (WebSocketDisconnect, RuntimeError):
                     return
 

@@ -247,6 +247,16 @@ class Bench:
         out |= {path: float(value) for path, value in numbers.items()}
         return {path: self._with_unit(path, value) for path, value in out.items()}
 
+    def changed(self, values: Mapping[str, float | str]) -> Action:
+        """The mechanism with other numbers, as :meth:`values` gives them.
+
+        Raises
+        ------
+        InvalidParameter
+            A value is out of range.
+        """
+        return self.action.with_values(values) if values else self.action
+
     def _with_unit(self, path: str, value: float) -> float | str:
         unit = self.numbers[path][1] if path in self.numbers else ""
         return value if si_factor(None, unit) == 1.0 else f"{value!r} {unit}"

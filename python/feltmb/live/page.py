@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -13,14 +12,15 @@ import numpy as np
 import numpy.typing as npt
 
 from feltmb import _core
-from feltmb.graphics.film import Film
-from feltmb.graphics.viewer.content import STRING_POINTS, describe_stage, output_label, outputs_of
-from feltmb.graphics.viewer.html_page import json_text, policy, script_of
-from feltmb.graphics.viewer.packing import pack_columns
+from feltmb.action.regulate.targets import Step
+from feltmb.graphics.viewer.content import output_label, outputs_of
+from feltmb.graphics.viewer.html_page import policy, script_of, script_text
 from feltmb.live.knobs import Bench, Knob
 from feltmb.live.pictures import first_run, greeting, playable
+from feltmb.live.request_queue import target_row
 from feltmb.live.states import LONGEST
 from feltmb.mechanism import Action, describe, load_action
+from feltmb.mechanism.workshop import distance_from_joint
 from feltmb.params import names
 from feltmb.run.results import Run
 from feltmb.run.stroke import load_stroke
@@ -37,8 +37,6 @@ MODULE = Path(_core.__file__).parent / "_core_page.wasm"
 MOST_MODULE = 16 * 1024 * 1024
 #: Largest relative error of a number in a page that a knob changes; a file has 12 digits.
 SAME = 1e-9
-#: Number of frames of the first run that determine how much of each surface is drawn.
-FRAMES = 40
 
 
 @checked
@@ -47,7 +45,7 @@ def export_page(action: Action | str | Path, path: str | Path, *, force: bool = 
 
     The file contains the mechanism, the core as a WebAssembly module, and the live page. It needs a
     browser, and neither network nor installation. Its numbers are those of :func:`simulate` but for
-    rounding of elementary functions. Sound, regulation, curves of hammer speeds and the diagnosis
+    rounding of elementary functions. Regulation by itself, weights of the touch and the diagnosis
     need ``feltmb live``.
 
     Parameters
@@ -100,7 +98,7 @@ def _page(content: dict[str, Any], module: str) -> str:
     style = resources.files("feltmb.graphics.viewer") / "assets" / "viewer.css"
     styles = [_asset("uPlot.min.css"), style.read_text(encoding="utf-8"), _asset("live.css")]
     data = [
-        f'<script type="application/json" id="content">{json_text(content)}</script>',
+        f'<script type="application/json" id="content">{script_text(content)}</script>',
         f'<script type="text/plain" id="engine">{worker_script()}</script>',
         f'<script type="text/plain" id="module">{module}</script>',
     ]
@@ -142,7 +140,6 @@ def content_of(action: Action) -> dict[str, Any]:
     places = {row["path"]: i for i, row in enumerate(rows)}
     knobs = {knob.name: _rules(bench, knob, rows, places) for knob in bench.knobs.values()}
     known = {name: rules for name, rules in knobs.items() if rules is not None}
-    film = Film(run, action, run.time[:: max(1, len(run.time) // FRAMES)])
     reading = action.config.reading
     points = action.mechanism.point_names
     strokes = _strokes(action)
@@ -153,7 +150,6 @@ def content_of(action: Action) -> dict[str, Any]:
         "first": [row["value"] for row in rows],
         "numbers": places,
         "knobs": known,
-        "shifts": {name: list(_shifts(bench.knobs[name], film)) for name in known},
         "points": [
             [name, points.index(rule.point), list(rule.direction), rule.travel]
             for name, rule in action.config.events.items()
@@ -176,9 +172,13 @@ def content_of(action: Action) -> dict[str, Any]:
             and {"point": reading.striker.point, "direction": reading.striker.direction},
         },
         "strokes": strokes,
+        "targets": [
+            _target(action, step) for step in (bench.targets.steps if bench.targets else ())
+        ],
+        "check_contacts": list(reading.check_contacts),
         "coordinates": list(action.coordinates),
         "outputs": _outputs(run, action),
-        **_stage(run, action, film),
+        "order": _order(action),
         "hello": _hello(bench, greeting(bench, run), rows, known) | {"strokes": list(strokes)},
     }
 
@@ -221,24 +221,22 @@ def _rules(
     return list(rules.values())
 
 
-def _shifts(knob: Knob, film: Film) -> Iterator[list[float]]:
-    """Shape, x and y [mm] of the surfaces that a knob moves by a unit of its magnitude."""
-    for change in knob.changes:
-        start, _, rest = change.path.partition(".")
-        name, _, place = rest.partition(".")
-        if start != "surfaces" or place not in ("point.x", "point.y"):
-            continue
-        for i, shape in enumerate(film.scene.shapes):
-            if shape.name == name and shape.role in ("pad", "surface", "mark"):
-                step = 1e3 * change.add
-                yield [i, step if place == "point.x" else 0.0, step if place == "point.y" else 0.0]
-
-
 def _strokes(action: Action) -> dict[str, Any]:
     if not playable(action):
         return {}
     strokes = {name: load_stroke(name) for name in names("strokes")}
     return {n: s.as_dict() for n, s in strokes.items() if s.duration <= LONGEST}
+
+
+def _target(action: Action, step: Step) -> dict[str, Any]:
+    """A regulation target, and what its measurement needs."""
+    spring = None
+    if step.spring is not None:
+        of = action.config.springs[step.spring]
+        arm = distance_from_joint(action.config, of.coordinate, step.point or "")
+        spring = {"coordinate": of.coordinate, "name": step.spring, "arm": arm}
+    given = ("measure", "contact", "speed", "travel", "stroke", "target", "low", "high")
+    return target_row(step) | {k: getattr(step, k) for k in given} | {"spring": spring}
 
 
 def _outputs(run: Run, action: Action) -> dict[str, Any]:
@@ -251,33 +249,14 @@ def _outputs(run: Run, action: Action) -> dict[str, Any]:
     return out
 
 
-def _stage(run: Run, action: Action, film: Film) -> dict[str, Any]:
-    """What does not move in the picture of the mechanism, and the order of what does."""
-    stage = describe_stage(run, action, film.time)
-    for moving in ("time", "poses", "places", "forces", "largest"):
-        del stage[moving]
-    labels = {int(k): c.label for k, c in action.config.contacts.items()}
-    stage["contacts"] = [
-        {"number": n, "label": labels[n] or f"contact {n}", "sides": sides}
-        for n, sides in film.sides.items()
-    ]
-    for beam in stage["beams"]:
-        del beam["line"]
-    if stage["finger"]:
-        del stage["finger"]["force"]
-    string = action.config.string
-    if stage["string"] and string is not None and run.eta.shape[1] > 0:
-        y = np.linspace(0.0, string.length, STRING_POINTS)
-        stage["string"]["modes"] = {"shapes": pack_columns(run.string_shapes(y))}
+def _order(action: Action) -> dict[str, Any]:
+    """Places of what is drawn in the poses of the core."""
     found = _core.move_through(action.mechanism, np.array([action.rest_pose]))
     bodies = [str(n) for n in found["names"]]
     return {
-        "stage": stage,
-        "order": {
-            "bodies": [-1, *(bodies.index(name) for name in action.config.bodies)],
-            "names": len(bodies),
-            "numbers": [int(n) for n in found["numbers"]],
-        },
+        "bodies": [-1, *(bodies.index(name) for name in action.config.bodies)],
+        "names": len(bodies),
+        "numbers": [int(n) for n in found["numbers"]],
     }
 
 
@@ -300,6 +279,5 @@ def _hello(
         "faults": [],
         "knobs": [knob for knob in found["knobs"] if knob["name"] in known],
         "numbers": [[row["path"], row["value"], row["unit"], row["meaning"]] for row in rows],
-        "targets": "",
         "notes": [*found["notes"], *notes],
     }

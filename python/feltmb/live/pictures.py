@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from feltmb.graphics.film import Film
 from feltmb.graphics.plot.readings import busy_window, contact_numbers, named_events
 from feltmb.graphics.viewer.content import (
     default_panels_of,
-    describe_stage,
+    describe_look,
+    describe_motion,
     output_label,
     outputs_of,
 )
@@ -29,19 +31,24 @@ Array = npt.NDArray[np.float64]
 #: Numbers of frames of the mechanism, and of samples of a curve and of the string, in quick and
 #: full quality.
 FRAMES, SAMPLES, STRING = {"quick": 120, "full": 500}, {"quick": 900, "full": 4000}, 300
-#: Number of frames that determine how much of each surface is drawn.
-POSES = {"quick": 5, "full": 13}
+#: Number of frames of the first run that determine how much of each surface is drawn.
+LOOK_FRAMES = 40
 
 
-def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> dict[str, Any]:
-    """A run for the page, in practical units, ready for JSON.
+def describe_live(
+    run: Run, action: Action, original: Action, shown: list[str], quality: str
+) -> dict[str, Any]:
+    """A run for the page, in practical units.
 
     Parameters
     ----------
+    original
+        The mechanism without changes, to which the look in the greeting belongs.
     shown
         Outputs whose curves are shown; unknown ones are omitted.
     quality
-        ``quick`` during changes, ``full`` afterwards.
+        ``quick`` during changes: only what moves, and how far the surfaces are shifted. ``full``
+        afterwards: also the look of the changed mechanism.
     """
     low, high = busy_window(run)
     time = run.time
@@ -52,6 +59,11 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
     curves = [o.values[some] * f for o, (f, _) in zip(outputs.values(), units, strict=True)]
     table = np.column_stack(curves or [np.zeros((len(some), 0))])
     first, last = float(time[0]), float(time[-1])
+    film = Film(run, action, _frames(run, low, high, FRAMES[quality]))
+    shifted = shifts(action, original)
+    stage = {**describe_motion(film, string_samples=STRING), "shifts": shifted}
+    if quality == "full":
+        stage["look"] = {**describe_look(film), "shifts": shifted}
     return {
         "quality": quality,
         "first": 1e3 * first,
@@ -64,16 +76,20 @@ def describe_live(run: Run, action: Action, shown: list[str], quality: str) -> d
             {"name": n, "unit": u, "label": output_label(n, o.text), "text": o.text}
             for (n, o), (_, u) in zip(outputs.items(), units, strict=True)
         ],
-        "stage": describe_stage(
-            run,
-            action,
-            _frames(run, low, high, FRAMES[quality]),
-            string_samples=STRING,
-            poses=POSES[quality],
-        ),
+        "stage": stage,
         "summary": summary_of(run),
         "energy": {k: v for k, v in run.energy.items() if isinstance(v, float)},
         "warnings": [str(w) for w in run.stats["warnings"]],
+    }
+
+
+def shifts(action: Action, original: Action) -> dict[str, list[float]]:
+    """Shifts x, y [mm] of the surfaces that are not where they were, in the frame of their body."""
+    before = original.config.surfaces
+    return {
+        name: [1e3 * (a - b) for a, b in zip(surface.point, before[name].point, strict=True)]
+        for name, surface in action.config.surfaces.items()
+        if name in before and surface.point != before[name].point
     }
 
 
@@ -96,7 +112,10 @@ def _frames(run: Run, low: float, high: float, count: int) -> Array:
     moved[1:] += 0.2 * np.diff(time) / max(float(time[-1] - time[0]), 1e-6)
     way = np.cumsum(moved)
     wanted = np.linspace(way[0], way[-1], min(count, len(time)))
-    return np.asarray(time[np.unique(np.append(np.searchsorted(way, wanted[:-1]), len(time) - 1))])
+    # Forces change before things move: the ends of the motion are exact.
+    ends = [*np.searchsorted(time, (low, high)), len(time) - 1]
+    some = np.unique(np.append(np.searchsorted(way, wanted[:-1]), ends))
+    return np.asarray(time[some])
 
 
 def summary_of(run: Run) -> dict[str, float]:
@@ -135,6 +154,9 @@ def greeting(bench: Bench, run: Run | None = None) -> dict[str, Any]:
     found = first_run(action) if run is None else run
     return {
         "name": action.name,
+        "look": describe_look(
+            Film(found, action, found.time[:: max(1, len(found.time) // LOOK_FRAMES)])
+        ),
         "about": str(action.raw.get("about", "")),
         "knobs": [knob.as_dict(bench.numbers) for knob in bench.knobs.values()],
         "numbers": [[path, *rest] for path, rest in bench.numbers.items()],

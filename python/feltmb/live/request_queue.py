@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any, Literal
 
 from feltmb.action.regulate import regulate
 from feltmb.action.regulate.measuring import Bench as Measures
 from feltmb.action.regulate.measuring import CannotMeasure
-from feltmb.action.regulate.targets import MEASURES
+from feltmb.action.regulate.targets import MEASURES, Step
 from feltmb.action.touch import distances, static_touch
 from feltmb.action.touch.strikes import simulate_strike
 from feltmb.live.knobs import Bench
@@ -30,15 +31,19 @@ from feltmb.run.stroke import Stroke
 Slot = Literal["a", "b"]
 SLOTS: tuple[Slot, ...] = ("a", "b")
 
-#: A newer change stops the running simulation, unless the page would then have no new picture for
-#: this time [s]; during dragging it needs pictures.
-PATIENCE = 0.25
+#: A newer change stops a simulation that has lasted this long [s]; during dragging the page needs
+#: pictures.
+PATIENCE = 1.0
+#: Relative tolerance during changes: the error of the motion is less than the width of a line.
+ROUGH = 1e-5
 #: Time without changes before the complete run and the extras are computed [s].
 AT_REST = 0.2
 #: Largest wall time of a simulation [s].
 MOST_WALL = 20.0
 #: Limits of the sample rate during changes, which is that of the drawn curves [Hz].
 QUICK_RATES = 2000.0, 5000.0
+#: Parts of the time until a picture is posted: waiting, thread, values, simulation, description.
+PARTS = ("queue", "thread", "values", "simulation", "description")
 #: Force levels of the curve of hammer speeds [N].
 LEVELS = (1.5, 2.5, 4.0, 7.0, 12.0, 20.0, 35.0)
 
@@ -75,7 +80,6 @@ class RequestQueue:
         self._full: dict[Slot, Asked] = {}
         self._extra: dict[tuple[Slot, str], Asked] = {}
         self._wake = asyncio.Event()
-        self._last_picture = 0.0
         self._regulating: Turned | None = None
         self._closed = False
         self._left: asyncio.Future[Any] | None = None
@@ -191,40 +195,37 @@ class RequestQueue:
         done = self._done if quick else self._full
         if asked is None or done.get(slot) is asked:
             return
-        bench = self._bench()
+        bench, begin = self._bench(), time.perf_counter()
 
         def stop() -> bool:
             if self._wanted.get(slot) is asked:
                 return False
-            return not quick or time.monotonic() - self._last_picture < PATIENCE
+            return not quick or time.perf_counter() - begin > PATIENCE
 
-        def work() -> tuple[dict[str, Any], dict[str, float | str]]:
-            begin = time.perf_counter()
-            action, stroke = asked.turned.action(bench), asked.playing.stroke()
+        def work() -> dict[str, Any]:
+            times = [asked.came, begin, time.perf_counter()]
+            values, stroke = asked.turned.values(bench), asked.playing.stroke()
+            action = bench.changed(values)
+            times.append(time.perf_counter())
             run = simulated(action, stroke, quick, stop, asked.until)
-            if stop():
+            if not quick and stop():
                 raise Stopped
-            simulation = time.perf_counter() - begin
-            picture = describe_live(run, action, asked.shown, quality)
+            times.append(time.perf_counter())
+            picture = describe_live(run, action, bench.action, asked.shown, quality)
             picture["last"] = 1e3 * stroke.duration
-            picture["milliseconds"] = [
-                round(1e3 * simulation, 1),
-                round(1e3 * (time.perf_counter() - begin - simulation), 1),
-            ]
-            return picture, bench.values(asked.turned.knobs, asked.turned.numbers)
+            times.append(time.perf_counter())
+            parts = [round(1e3 * (b - a), 2) for a, b in pairwise(times)]
+            picture["milliseconds"] = dict(zip(PARTS, parts, strict=True))
+            return {"run": picture, "set": values}
 
         self.counts["begun"] += 1
         if quick:
             self._done[slot] = asked
         with self._faults_told(slot, asked):
-            picture, values = await self._run(work, leave=not quick)
-            self._last_picture = time.monotonic()
+            found = await self._run(work, leave=not quick)
             self.counts["pictures"] += 1
             done[slot] = asked
-            self._post(
-                f"run {slot}",
-                {"on": "run", "slot": slot, "id": asked.id, "run": picture, "set": values},
-            )
+            self._post(f"run {slot}", {"on": "run", "slot": slot, "id": asked.id, **found})
 
     async def _extras(self, slot: Slot) -> None:
         asked = self._wanted.get(slot)
@@ -280,7 +281,7 @@ def simulated(
     options: dict[str, Any] = {}
     if quick:
         rate = min(max((SAMPLES["quick"] - 2) / stroke.duration, QUICK_RATES[0]), QUICK_RATES[1])
-        options = {"ledger": False, "output_rate": rate}
+        options = {"ledger": False, "output_rate": rate, "rtol": ROUGH}
         stroke = replace(stroke, duration=min(stroke.duration, until))
     try:
         return simulate(
@@ -288,6 +289,20 @@ def simulated(
         )
     except KeyboardInterrupt:
         raise Stopped from None
+
+
+def target_row(step: Step) -> dict[str, Any]:
+    """A regulation target without its measured value."""
+    _, unit, factor, what = MEASURES[step.measure]
+    tolerance = None if step.tolerance is None else step.tolerance * factor
+    return {
+        "name": step.name,
+        "unit": unit,
+        "factor": factor,
+        "wanted": step.wanted,
+        "tolerance": tolerance,
+        "what": what,
+    }
 
 
 def target_rows(
@@ -298,13 +313,10 @@ def target_rows(
     measures = Measures()
     for step in bench.targets.steps if bench.targets else ():
         check()
-        _, unit, factor, what = MEASURES[step.measure]
-        row: dict[str, Any] = {"name": step.name, "unit": unit, "wanted": step.wanted, "what": what}
-        row["knob"] = f"screw.{step.name}" if f"screw.{step.name}" in bench.knobs else ""
-        row["tolerance"] = None if step.tolerance is None else step.tolerance * factor
+        row = target_row(step)
         try:
             value = measures.measure(action, step)
-            row |= {"value": value * factor, "holds": step.holds(value), "why": ""}
+            row |= {"value": value * row["factor"], "holds": step.holds(value), "why": ""}
         except CannotMeasure as error:
             row |= {"value": None, "holds": False, "why": str(error)}
         rows.append(row)

@@ -21,6 +21,8 @@ HOST = "127.0.0.1"
 
 #: Option of ``mallopt`` of glibc, and its value: memory from this size on is of the system [bytes].
 M_MMAP_THRESHOLD, LARGE = -3, 2**20
+#: Largest time for which a thread of Python keeps messages waiting [s].
+SWITCH = 5e-4
 
 
 class Live:
@@ -86,6 +88,7 @@ class Live:
     def run(self) -> None:
         """Serve until :meth:`stop`, or Ctrl-C."""
         give_back_large_arrays()
+        sys.setswitchinterval(SWITCH)
         self._server.run(sockets=[self._socket])
 
     def stop(self) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import logging
+import time
 from collections.abc import Mapping
 from functools import cache
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr, ValidationError, model_validator
 
 from feltmb.live.knobs import Bench
 from feltmb.mechanism import Action
@@ -61,6 +62,16 @@ class Turned(_Table):
     knobs: Annotated[dict[str, Finite], Field(max_length=MOST_TURNED)] = {}
     numbers: Annotated[dict[str, Finite], Field(max_length=MOST_TURNED)] = {}
 
+    def values(self, bench: Bench) -> dict[str, float | str]:
+        """The changed numbers by path, as for ``--set``.
+
+        Raises
+        ------
+        InvalidParameter
+            This mechanism does not have a changed value.
+        """
+        return bench.values(self.knobs, self.numbers)
+
     def action(self, bench: Bench) -> Action:
         """The mechanism with all changes.
 
@@ -69,8 +80,7 @@ class Turned(_Table):
         InvalidParameter
             This mechanism does not have a changed value, or the value is out of range.
         """
-        values = bench.values(self.knobs, self.numbers)
-        return bench.action.with_values(values) if values else bench.action
+        return bench.changed(self.values(bench))
 
 
 class Playing(_Table):
@@ -157,6 +167,7 @@ class Playing(_Table):
 class Asked(_Table):
     """One request of a page."""
 
+    _came: float = PrivateAttr(default_factory=time.perf_counter)
     id: Annotated[int, Field(ge=0, le=2**53)]
     turned: Turned = Turned()
     minus: Turned | None = None
@@ -168,6 +179,11 @@ class Asked(_Table):
     """Outputs whose curves are shown."""
     extras: Annotated[list[Literal["targets", "touch", "speeds"]], Field(max_length=3)] = []
     """Additional results, computed when nothing else is to be done."""
+
+    @property
+    def came(self) -> float:
+        """When the request came, on the clock of ``time.perf_counter`` [s]."""
+        return self._came
 
     @classmethod
     def read(cls, data: Mapping[str, Any]) -> Asked:

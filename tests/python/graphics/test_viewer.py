@@ -27,7 +27,7 @@ from feltmb.graphics.plot.poses import (
 )
 from feltmb.graphics.plot.readings import run_action
 from feltmb.graphics.viewer import Curves, assets, fragment, page, read_curves, view
-from feltmb.graphics.viewer.packing import MISSING, pack_columns, pack_points, pack_times
+from feltmb.graphics.viewer.packing import MISSING, json_text, pack_columns, pack_points, pack_times
 from feltmb.graphics.viewer.thinning import extremes, knots, thin_outline
 
 EVIL = "</script><script>alert('1')</script>&<b>\u2028"
@@ -60,17 +60,23 @@ class Parsed(html.parser.HTMLParser):
 
 def unpack(packed):
     """What the page reads of packed columns: (n, m)."""
-    whole = np.frombuffer(base64.b64decode(packed["data"]), "<i2").reshape(-1, packed["n"])
-    out, k = np.empty((packed["n"], packed["m"])), 0
-    for j in range(packed["m"]):
-        if packed["fixed"][j]:
-            out[:, j] = packed["low"][j]
+    data, n, m = base64.b64decode(packed["data"]), packed["n"], packed["m"]
+    low, step = np.frombuffer(data, "<f8", 2 * m).reshape(2, m)
+    whole = np.frombuffer(data[16 * m :], "<i2").reshape(-1, n)
+    out, k = np.empty((n, m)), 0
+    for j in range(m):
+        if step[j] == 0.0:
+            out[:, j] = low[j]
             continue
-        column = packed["low"][j] + packed["step"][j] * (whole[k].astype(float) + 32767)
+        column = low[j] + step[j] * (whole[k].astype(float) + 32767)
         out[:, j] = np.where(whole[k] == MISSING, np.nan, column)
         k += 1
     assert k == len(whole)
     return out
+
+
+def in_page(packed):
+    return json.loads(json_text(packed))
 
 
 def unpack_times(packed):
@@ -109,7 +115,7 @@ def data(shown):
 def test_packed_columns_come_back(values):
     column = np.array(values)
     packed = pack_columns(np.column_stack([column, np.full(len(column), 3.5)]))
-    back = unpack(json.loads(json.dumps(packed, allow_nan=False)))
+    back = unpack(json.loads(json_text(packed)))
     good = np.isfinite(column)
     np.testing.assert_array_equal(np.isfinite(back[:, 0]), good)
     if good.any():
@@ -117,12 +123,12 @@ def test_packed_columns_come_back(values):
         scale = np.abs(column[good]).max()
         assert np.abs(back[good, 0] - column[good]).max() <= 0.51 * span + 2e-8 * scale
     np.testing.assert_array_equal(back[:, 1], 3.5)
-    assert len(base64.b64decode(packed["data"])) <= 2 * len(column)  # constants cost nothing
+    assert len(packed["data"]) <= 32 + 2 * len(column)  # constants have no integers
 
 
 def test_packed_times_come_back():
     time = 1e6 + np.cumsum(np.random.default_rng(0).uniform(1e-3, 1.0, 5000))
-    np.testing.assert_allclose(unpack_times(pack_times(time)) - 1e6, time - 1e6, rtol=1e-6)
+    np.testing.assert_allclose(unpack_times(in_page(pack_times(time))) - 1e6, time - 1e6, rtol=1e-6)
 
 
 @given(
@@ -200,29 +206,29 @@ def test_poses_between_the_pictures_are_those_of_the_run(data, forte, action):
 def test_forces_of_the_arrows_are_those_of_the_run(data, forte):
     stage = data["runs"][0]["stage"]
     time, forces = 1e-3 * unpack_times(stage["time"]), unpack(stage["forces"])
-    assert {c["number"] for c in stage["contacts"]} == set(range(1, 16))
-    for k, contact in enumerate(stage["contacts"]):
-        want = np.maximum(
-            np.interp(time, forte.time, forte[f"contact{contact['number']:02d}.force"]), 0
-        )
+    assert set(stage["numbers"]) == {c["number"] for c in stage["look"]["contacts"]}
+    assert set(stage["numbers"]) == set(range(1, 16))
+    for k, number in enumerate(stage["numbers"]):
+        want = np.maximum(np.interp(time, forte.time, forte[f"contact{number:02d}.force"]), 0)
         np.testing.assert_allclose(forces[:, k], want, atol=1e-4 * stage["largest"])
         # Between the pictures an arrow is not off by more than a twentieth of the longest.
         at_all = np.interp(forte.time, time, forces[:, k])
-        full = np.maximum(forte[f"contact{contact['number']:02d}.force"], 0)
+        full = np.maximum(forte[f"contact{number:02d}.force"], 0)
         off = np.abs(np.sqrt(at_all) - np.sqrt(full)) / np.sqrt(stage["largest"])
-        assert off.max() < 0.2, contact
+        assert off.max() < 0.2, number
     np.testing.assert_allclose(
-        unpack(stage["finger"]["force"])[:, 0],
+        unpack(stage["finger"])[:, 0],
         np.interp(time, forte.time, forte["finger.force"]),
         atol=1e-3,
     )
 
 
 def test_the_string_vibrates_as_in_the_run(data, forte):
-    string = data["runs"][0]["stage"]["string"]
-    modes = string["modes"]
-    time, eta, shapes = unpack_times(modes["time"]), unpack(modes["eta"]), unpack(modes["shapes"])
-    y = np.linspace(0, forte.provenance["string"]["length"], modes["shapes"]["n"])
+    stage = data["runs"][0]["stage"]
+    modes, packed = stage["modes"], stage["look"]["string"]["shapes"]
+    time, eta = unpack_times(modes["time"]), unpack(modes["eta"])
+    shapes = unpack(packed)[:, modes["which"]]
+    y = np.linspace(0, forte.provenance["string"]["length"], packed["n"])
     w = 1e3 * forte.string_displacement(y)
     after = forte.time > 1e-3 * time[1]
     assert np.all(np.abs(w[~after]) < 1e-4)
@@ -234,11 +240,11 @@ def test_the_string_vibrates_as_in_the_run(data, forte):
 
 def test_points_come_back_line_by_line():
     lines = [np.zeros((0, 2)), np.array([[0.1, -650.25]]), np.arange(8.0).reshape(4, 2)]
-    back = unpack_points(pack_points(lines))
+    back = unpack_points(in_page(pack_points(lines)))
     assert [len(line) for line in back] == [0, 1, 4]
     for a, b in zip(lines, back, strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-7)
-    assert pack_points([]) == {"counts": [], "data": ""}
+    assert pack_points([]) == {"counts": [], "data": b""}
 
 
 def test_poses_along_are_those_of_each_pose(forte):
@@ -265,10 +271,11 @@ def test_poses_along_are_those_of_each_pose(forte):
 def test_shapes_are_those_of_the_drawing(data, forte):
     stage = data["runs"][0]["stage"]
     drawn = Film(forte, run_action(forte), 1e-3 * unpack_times(stage["time"])).scene
-    assert len(stage["shapes"]) == len(drawn.shapes)
+    look = stage["look"]
+    assert len(look["shapes"]) == len(drawn.shapes)
     by_role = [s.role for s in drawn.shapes]
-    assert [s["role"] for s in stage["shapes"]] == by_role
-    outlines = unpack_points(stage["outlines"])
+    assert [s["role"] for s in look["shapes"]] == by_role
+    outlines = unpack_points(look["outlines"])
     for points, shape in zip(outlines, drawn.shapes, strict=True):
         if shape.role == "wood":
             np.testing.assert_allclose(
@@ -281,9 +288,10 @@ def test_beams_end_where_the_next_body_begins(data, action):
     poses = unpack(stage["poses"])
     bodies = ["ground", *action.config.bodies]
     child = {b.parent: n for n, b in action.config.bodies.items()}
-    assert {bodies[b["body"]] for b in stage["beams"]} == {"shank", "wire"}
-    for beam in stage["beams"]:
-        line, k = unpack(beam["line"]), beam["body"]
+    beams = stage["look"]["beams"]
+    assert {bodies[b["body"]] for b in beams} == {"shank", "wire"}
+    for beam, packed in zip(beams, stage["lines"], strict=True):
+        line, k = unpack(packed), beam["body"]
         for i in (0, len(line) // 3, len(line) - 1):
             here = to_ground(tuple(poses[i, 3 * k : 3 * k + 3]), line[i, -2:][None, :])[0]
             n = bodies.index(child[bodies[k]])

@@ -57,6 +57,19 @@ def serve():
     return running
 
 
+def unpacked(message):
+    """What a binary message holds; packed numbers as bytes."""
+    start = 4 + int.from_bytes(message[:4], "little")
+
+    def of(table):
+        if "data" in table:
+            at, size = table["data"]
+            table["data"] = message[start + at : start + at + size]
+        return table
+
+    return json.loads(message[4:start], object_hook=of)
+
+
 class Client:
     """The other end of the WebSocket, as the page is."""
 
@@ -84,7 +97,8 @@ class Client:
         """The first message that is wanted."""
         end = time.monotonic() + wait
         while True:
-            m = json.loads(self.socket.recv(timeout=max(0.01, end - time.monotonic())))
+            data = self.socket.recv(timeout=max(0.01, end - time.monotonic()))
+            m, self.bytes = unpacked(data), len(data)
             if wanted(m):
                 return m
 

@@ -1,5 +1,6 @@
 """The page as one file: what is in it, its numbers in Node, and itself in a browser."""
 
+import base64
 import json
 import re
 import shutil
@@ -11,10 +12,17 @@ import numpy as np
 import pytest
 
 import feltmb
+from feltmb.adapters import mechanism_model
 from feltmb.graphics.plot.readings import busy_window, named_events
+from feltmb.graphics.viewer.packing import json_text
 from feltmb.live import page as made
 from feltmb.live.knobs import Bench
 from feltmb.live.pictures import summary_of
+from feltmb.live.request_queue import speed_curve, target_rows
+from feltmb.run.sound import difference, sampled, wav
+from unmodeled.data import ReadOptions
+from unmodeled.data.files import read_each
+from unmodeled.data.mapping import Signals
 
 ACTION = "steinway45_leaded"
 built = pytest.mark.skipif(
@@ -22,7 +30,7 @@ built = pytest.mark.skipif(
 )
 node = pytest.mark.skipif(shutil.which("node") is None, reason="node is not installed")
 
-#: A run with what is turned: numbers, summary, events.
+#: A run with what is turned: numbers, summary, events; or what else the worker tells.
 MAIN = """
 const [moduleFile, contentFile, askedFile, answerFile] = process.argv.slice(2);
 const fs = require("fs");
@@ -30,9 +38,23 @@ const fs = require("fs");
   const [content, asked] = [contentFile, askedFile].map(f => JSON.parse(fs.readFileSync(f)));
   const core = await Core.load(fs.readFileSync(moduleFile));
   const machine = new Machine(core, content), out = [];
-  for (const {turned, stroke, rtol} of asked) {
+  for (const {turned, stroke, rtol, what, file, reading} of asked) {
     try {
       machine.turn(turned);
+      if (what === "targets") { out.push(targetRows(machine)); continue; }
+      if (what === "speeds") { out.push(speedRows(machine)); continue; }
+      if (what === "sound") {
+        const heard = name => bridgeOf(machine.run(content.strokes[name], {rtol}));
+        const [own, other] = [heard("forte"), heard("piano")];
+        const [rest, level] = differenceOf(own, other);
+        out.push({own: Buffer.from(wavOf(own)).toString("base64"), level});
+        continue;
+      }
+      if (what === "columns") {
+        const {time, channels} = readColumns(file, reading, content.outputs);
+        out.push([[...time], ...[...channels].map(([n, c]) => [n, c.fromStart, [...c.values]])]);
+        continue;
+      }
       const run = machine.run(content.strokes[stroke], {rtol, rate: 2000});
       const picture = pictureOf(machine, run, ["contact06.force"], "full", turned);
       out.push({
@@ -66,7 +88,7 @@ def in_node(tmp_path, content):
         text = "".join(assets.joinpath(p).read_text(encoding="utf-8") for p in parts) + MAIN
         for name, data in (
             ("main.js", text),
-            ("content.json", json.dumps(content)),
+            ("content.json", json_text(content)),
             ("asked.json", json.dumps(asked)),
         ):
             (tmp_path / name).write_text(data, encoding="utf-8")
@@ -142,6 +164,74 @@ def test_module_names_the_events_and_numbers_of_a_strike(in_node, action):
     assert found["poses"] == 3 * (1 + len(action.config.bodies))
 
 
+@built
+@node
+def test_module_measures_what_a_regulation_measures(in_node, action):
+    bench = Bench(action)
+    turned = {"screw.lost motion": 3e-4, "screw.let-off": -4e-4}
+    asked = {"turned": {"knobs": turned, "numbers": {}}}
+    found, speeds = in_node(asked | {"what": "targets"}, asked | {"what": "speeds"})
+    changed = action.with_values(bench.values(turned, {}))
+    want = speed_curve(changed)
+    assert speeds["missed"] == want["missed"]
+    assert np.array(speeds["rows"]) == pytest.approx(np.array(want["rows"]), rel=1e-3)
+    rows = target_rows(bench, changed)
+    assert [r["name"] for r in found] == [r["name"] for r in rows]
+    for mine, row in zip(found, rows, strict=True):
+        assert mine["value"] == pytest.approx(row["value"], rel=2e-3, abs=1e-6), row["name"]
+        assert (mine["holds"], mine["wanted"]) == (row["holds"], row["wanted"])
+    assert {r["holds"] for r in rows} == {True, False}
+
+
+@built
+@node
+def test_module_sounds_as_the_native_core(in_node, action):
+    (found,) = in_node({"turned": PLAIN, "what": "sound", "rtol": 1e-9})
+    runs = [feltmb.simulate(action, n, ledger=False, rtol=1e-9) for n in ("forte", "piano")]
+    own, other = (sampled(run.time, run.bridge_force()) for run in runs)
+    mine, want = base64.b64decode(found["own"]), wav(own)
+    assert mine[:44] == want[:44]
+    heard, wanted = (np.frombuffer(w[44:], "<i2").astype(float) for w in (mine, want))
+    assert np.max(np.abs(heard - wanted)) < 1e-3 * np.max(np.abs(wanted))
+    rest = difference(own, other)
+    level = 10 * np.log10(np.sum(rest**2) / np.sum(own**2))
+    assert found["level"] == pytest.approx(level, abs=0.01)
+
+
+@built
+@node
+def test_page_reads_pixels_as_gap_check_does(in_node, action, tmp_path):
+    rng = np.random.default_rng(1)
+    pixels = 300.0 + rng.normal(size=(5, 3))
+    names = ["time", "hammer_tip.x", "hammer_tip.y", "whippen.y"]
+    units = ["", "px", "px", "mm"]
+    table = np.column_stack([np.arange(5.0), pixels])
+    reading = {
+        "columns": {},
+        "units": {},
+        "scales": {"": "210 mm from 120 340 to 412 338"},
+        "origins": {"": "310.5,290"},
+        "frame_rate": 1000.0,
+        "down": None,
+    }
+    columns = [[n, u, list(v)] for n, u, v in zip(names, units, table.T, strict=True)]
+    asked = {"turned": PLAIN, "what": "columns", "file": {"name": "a.csv", "columns": columns}}
+    bad = asked | {"reading": reading | {"scales": {"": "some"}}}
+    found, fault = in_node(asked | {"reading": reading}, bad)
+    head = ",".join(f"{n} [{u}]" if u else n for n, u in zip(names, units, strict=True))
+    path = tmp_path / "a.csv"
+    path.write_text(head + "\n" + "\n".join(",".join(map(str, row)) for row in table))
+    model, _ = mechanism_model(action)
+    signals = Signals(inputs=(), outputs=model.outputs, modes={}, units={}, names=model.input_names)
+    ((record,),) = read_each([path], signals, ReadOptions(**reading))
+    time, *channels = found
+    assert time == pytest.approx(list(record.time))
+    assert {name for name, _, _ in channels} == set(record.outputs)
+    for name, _, values in channels:
+        assert values == pytest.approx(list(record.outputs[name]), rel=1e-12), name
+    assert "one pixel is some" in fault["fault"]
+
+
 def test_knobs_of_the_page_move_the_numbers_of_the_archive(content, action):
     bench = Bench(action)
     assert len(content["knobs"]) >= len(bench.knobs) - 1
@@ -201,11 +291,30 @@ def test_page_simulates_in_a_browser_without_a_server(browser, tmp_path, width):
     until(f"feltmbLive.got.b && feltmbLive.got.a.summary.impact_speed < 0.9 * {speed}")
     assert browser.complaints() == []
     assert browser.run("document.documentElement.scrollWidth") <= width
+    # What is heard is a sound file of the run.
+    browser.run("window.Audio = class { constructor(src) { window.heard = src; } async play() {} }")
+    browser.run("feltmbLive.hearRest.click()")
+    until("window.heard && feltmbLive.status.textContent.includes('sound the same')")
+    for tab, table in (("regulation", "targets"), ("touch", "touch"), ("speeds", "speeds")):
+        browser.run(f"feltmbLive.tab = '{tab}'; feltmbLive.fillTab(); feltmbLive.ask(true)")
+        until(f"feltmbLive.last && feltmbLive.last.{table}")
+        assert "fault" not in browser.run(f"Object.keys(feltmbLive.last.{table})")
+    lights = browser.run("feltmbLive.last.targets.rows.map(r => [r.name, r.value])")
+    assert dict(lights)["hammer blow"] == pytest.approx(45.0, abs=0.5)
     # A measured file, made of the model itself, has no distance from it.
     run = feltmb.simulate(ACTION, "piano", ledger=False)
-    rows = zip(run.time[::10], 1e3 * run["hammer_tip.x"][::10], strict=True)
-    table = "time [s],hammer_tip.x [mm]\n" + "\n".join(f"{t},{x}" for t, x in rows)
-    browser.run(f"feltmbLive.upload([new File([{json.dumps(table)}], 'm.csv')])")
-    until("feltmbLive.last && feltmbLive.last.measured && feltmbLive.last.measured.rows")
-    (row,) = browser.run("feltmbLive.last.measured.rows")
-    assert row["rms"] < 1e-3  # mm: samples at other times
+    x = 1e3 * run["hammer_tip.x"][::10]
+    for name, head, values in (("m.csv", "mm", x), ("pixels.csv", "px", x / 0.2)):
+        rows = zip(run.time[::10], values, strict=True)
+        table = f"time [s],hammer_tip.x [{head}]\n" + "\n".join(f"{t},{v}" for t, v in rows)
+        browser.run("feltmbLive.reading = null; feltmbLive.hello.files = []; 1")
+        browser.run("delete feltmbLive.last.measured")
+        browser.run(f"feltmbLive.upload([new File([{json.dumps(table)}], '{name}')])")
+        if head == "px":
+            until("feltmbLive.last.measured?.fault")
+            assert "how large is one" in browser.run("feltmbLive.last.measured.fault")
+            browser.run("feltmbLive.reading.scales[''] = '0.2 mm'; feltmbLive.measure(); 1")
+        until("feltmbLive.last.measured?.rows")
+        (row,) = browser.run("feltmbLive.last.measured.rows")
+        assert row["rms"] < 1e-3  # mm: samples at other times
+    assert browser.complaints() == []

@@ -43,7 +43,7 @@ def slider(page, knob):
 
 
 def settled(page, more=""):
-    until(page, f"!feltmbLive.dirty && !feltmbLive.flying && feltmbLive.times.length > 0 {more}")
+    until(page, f"!feltmbLive.sent.size && feltmbLive.times.length > 0 {more}")
 
 
 def tip(page):
@@ -78,6 +78,22 @@ def test_a_dragged_screw_changes_the_path_of_the_hammer(opened):
     )
     assert shown == pytest.approx(run.summary, rel=1e-9)
     print("change to picture, median [ms]:", np.median(opened.run("feltmbLive.times")))
+
+
+def test_surfaces_move_with_what_is_turned_before_the_whole_look_comes(opened):
+    points = (
+        "Object.fromEntries(['Gp10', 'Gp8'].map(n => [n, feltmbLive.viewer.runs[0].stage.shapes"
+        ".find(s => s.surface === n).points[0]]))"
+    )
+    before = opened.run(points)
+    opened.run(
+        "feltmbLive.pictured({on: 'run', slot: 'a', id: 0, set: {}, run: {...feltmbLive.got.a,"
+        "quality: 'quick', stage: {...feltmbLive.got.a.stage, look: undefined,"
+        "shifts: {Gp10: [1, -2]}}}}); 1"
+    )
+    after = opened.run(points)
+    assert np.subtract(after["Gp10"], before["Gp10"]) == pytest.approx([1.0, -2.0])
+    assert after["Gp8"] == before["Gp8"]
 
 
 def test_while_turning_nothing_is_built_anew(opened):
@@ -235,7 +251,7 @@ def test_every_way_to_play(opened, kind):
         "(() => { const s = document.querySelector('.play select');"
         f"s.value = '{kind}'; s.dispatchEvent(new Event('change')); return 1; }})()"
     )
-    until(opened, "!feltmbLive.dirty && !feltmbLive.flying && feltmbLive.played.includes("
+    until(opened, "!feltmbLive.sent.size && feltmbLive.played.includes("
           f"'\"kind\":\"{kind}\"')")  # fmt: skip
     assert opened.run("document.getElementById('faults').hidden")
     assert opened.complaints() == []

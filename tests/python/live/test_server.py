@@ -29,7 +29,7 @@ from feltmb.action.touch import static_touch
 from feltmb.adapters.changes import Change
 from feltmb.live.knobs import Bench
 from feltmb.live.measured import Measured, Uploads
-from feltmb.live.pictures import listed_outputs
+from feltmb.live.pictures import FRAMES, listed_outputs
 from feltmb.live.proposals import STROKES
 from feltmb.live.request_queue import RequestQueue, simulated
 from feltmb.live.states import Playing
@@ -98,6 +98,23 @@ def test_a_picture_while_turning_tells_the_same_within_the_tolerance(live, clien
     assert [name for _, name in quick["events"]] == [name for _, name in full["events"]]
 
 
+def test_a_picture_while_turning_holds_only_what_moves(live, client):
+    with client(live) as page:
+        shown = [n for p in page.hello["panels"][:4] for n in p["outputs"]]
+        asked = {"turned": TURNED, "shown": shown}
+        quick = page.run(1, "quick", until=0.16, **asked)["run"]
+        sent = page.bytes
+        full = page.run(2, **asked)["run"]
+    assert sent < 60_000
+    assert "look" in page.hello
+    assert "look" not in quick["stage"]
+    assert quick["stage"]["shifts"] == full["stage"]["look"]["shifts"]
+    assert {k: pytest.approx(v) for k, v in quick["stage"]["shifts"].items()} == {"Gp10": [0, 0.4]}
+    # Not more frames than are wanted, and the ends of the motion; not more curves than are shown.
+    assert quick["stage"]["poses"]["n"] <= FRAMES["quick"] + 2
+    assert quick["values"]["m"] == len(shown)
+
+
 @pytest.mark.parametrize(("duration", "samples"), [(0.1, 501), (0.4, 899), (1.0, 2001)])
 def test_while_turning_no_more_is_sampled_than_is_drawn(duration, samples):
     """Samples cost a sixth of a simulation; of short and of long strokes a limit holds."""
@@ -151,7 +168,7 @@ def test_a_thousand_changes_at_once_make_few_simulations(live, client):
 def test_a_newer_change_stops_an_older_simulation(live, client, monkeypatch):
     from feltmb.live import request_queue
 
-    monkeypatch.setattr(request_queue, "PATIENCE", 1e9)
+    monkeypatch.setattr(request_queue, "PATIENCE", 0.0)
     long = {"kind": "repeat", "rate": 4.0, "count": 10}
     before = set(live.studio.pages)  # may still be closing
     with client(live) as page:

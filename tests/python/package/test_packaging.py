@@ -14,6 +14,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[3]
 PARTIES = ("SUNDIALS", "Eigen", "pybind11")
+#: That of `feltmb page`, which tools/wasm.sh builds.
+MODULE = "python/feltmb/_core_page.wasm"
 
 
 def test_the_extension_needs_no_installed_sundials():
@@ -72,6 +74,8 @@ def test_the_source_distribution_holds_what_the_wheel_needs(tmp_path):
     ):
         assert needed in names, needed
     assert not [n for n in names if n.startswith(("build/", ".venv/", "out/"))]
+    # Wheels that are built from it need no emscripten.
+    assert (MODULE in names) == (ROOT / MODULE).is_file()
 
 
 @pytest.mark.slow
@@ -98,6 +102,7 @@ def test_the_wheel_runs_where_nothing_of_this_tree_is(tmp_path):
     for name in PARTIES:
         assert [n for n in names if n.endswith(f"licenses/licenses/{name}.txt")], name
     assert "feltmb/py.typed" in names
+    assert (MODULE.removeprefix("python/") in names) == (ROOT / MODULE).is_file()
     assert "feltmb/_core/__init__.pyi" in names
     shutil.rmtree(source)
     code = (

@@ -220,67 +220,89 @@ def describe_stage(
     times: Array,
     keep: slice = slice(None),
     *,
-    string_samples: int = MOST_STRING_SAMPLES,
-    poses: int = 13,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """The moving mechanism in mm, N and ms, ready for JSON.
+    """The moving mechanism in mm, N and ms: how it looks, and its motion at ``times`` [s].
 
-    Parameters
-    ----------
-    times
-        Times [s] of the frames; the motion between frames is linear.
-    keep
-        Samples of the run from which the motion of the string is taken, at most ``string_samples``.
-    poses
-        Number of frames that determine how much of each surface is drawn.
+    ``keep``: samples of the run from which the motion of the string is taken.
     """
-    film = Film(run, action, times, poses)
-    drawn = film.scene
-    bodies = ["ground", *action.config.bodies]
-    names = {body: i for i, body in enumerate(bodies)}
-    count = len(film.time)
-    through = poses_along(action, film.q)
-    moved = np.zeros((count, len(bodies), 3))
-    for name, pose in through.bodies.items():
-        moved[:, names[name]] = pose * (1e3, 1e3, 1.0)
-    places = np.zeros((count, len(film.contacts), 4))
-    for k, n in enumerate(film.contacts):
-        places[:, k] = through.contacts[n] * (1e3, 1e3, 1.0, 1.0)
-    lines = {body: 1e3 * line[:, ::3] for body, line in through.beams.items()}
+    film = Film(run, action, times)
+    motion = describe_motion(film, keep)
     if progress is not None:
         progress(1.0)
+    return {"look": describe_look(film), **motion}
+
+
+def describe_look(film: Film) -> dict[str, Any]:
+    """What does not move in the drawing of a mechanism, in mm."""
+    action, drawn = film.action, film.scene
+    names = _numbered(action)
     unit = 1e3 * drawn.unit
+    finger = action.config.finger
     return {
-        "time": pack_times(1e3 * film.time),
         "unit": round(unit, 4),
         "view": _rounded(1e3 * np.array(film.limits), 2),
-        "bodies": [{"fill": body_fill(drawn.group[b]), "name": _part(action, b)} for b in bodies],
+        "bodies": [{"fill": body_fill(drawn.group[b]), "name": _part(action, b)} for b in names],
         **_shapes(action, drawn.shapes, names, bent_beams(action, film.q[0])),
-        "poses": pack_columns(moved.reshape(count, -1)),
         "beams": [
-            {
-                "body": names[body],
-                "length": 1e3 * (action.config.bodies[body].length or 1.0),
-                "line": pack_columns(line.reshape(count, -1)),
-            }
-            for body, line in lines.items()
+            {"body": names[body], "length": 1e3 * (action.config.bodies[body].length or 1.0)}
+            for body in bent_beams(action, film.q[0])
         ],
         "contacts": [
             {
                 "number": n,
                 "label": action.config.contacts[f"{n:02d}"].label or f"contact {n}",
-                "sides": film.sides[n],
+                "sides": sides,
             }
-            for n in film.contacts
+            for n, sides in film.sides.items()
         ],
+        **_links(action, names, unit),
+        "finger": finger
+        and {
+            "body": names[finger.body],
+            "at": _rounded(1e3 * np.array(finger.point), 3),
+            "along": _rounded(np.array(finger.direction) / np.hypot(*finger.direction), 5),
+        },
+        "string": _string(film),
+    }
+
+
+def describe_motion(
+    film: Film, keep: slice = slice(None), string_samples: int = MOST_STRING_SAMPLES
+) -> dict[str, Any]:
+    """What moves, at the times of a film, in mm, N and ms.
+
+    Parameters
+    ----------
+    keep
+        Samples of the run from which the motion of the string is taken, at most ``string_samples``.
+    """
+    names, count = _numbered(film.action), len(film.time)
+    through = poses_along(film.action, film.q)
+    moved = np.zeros((count, len(names), 3))
+    for name, pose in through.bodies.items():
+        moved[:, names[name]] = pose * (1e3, 1e3, 1.0)
+    places = np.zeros((count, len(film.contacts), 4))
+    for k, n in enumerate(film.contacts):
+        places[:, k] = through.contacts[n] * (1e3, 1e3, 1.0, 1.0)
+    return {
+        "time": pack_times(1e3 * film.time),
+        "poses": pack_columns(moved.reshape(count, -1)),
+        "lines": [
+            pack_columns(1e3 * line[:, ::3].reshape(count, -1)) for line in through.beams.values()
+        ],
+        "numbers": film.contacts,
         "places": pack_columns(places.reshape(count, -1)),
         "forces": pack_columns(np.reshape([film.forces[n] for n in film.contacts], (-1, count)).T),
+        "finger": None if film.finger is None else pack_columns(film.finger[:, None]),
         "largest": film.largest,
-        **_links(action, names, unit),
-        "finger": _finger(action, film, names),
-        "string": _string(run, action, film, keep, string_samples),
+        "modes": _modes(film, keep, string_samples),
     }
+
+
+def _numbered(action: Action) -> dict[str, int]:
+    """Bodies with their places in a drawing."""
+    return {body: i for i, body in enumerate(["ground", *action.config.bodies])}
 
 
 def _shapes(
@@ -293,7 +315,15 @@ def _shapes(
         return None if x is None else round(1e3 * x, 3)
 
     return {
-        "shapes": [{"body": names[s.body], "role": s.role, "station": station(s)} for s in shapes],
+        "shapes": [
+            {
+                "body": names[s.body],
+                "role": s.role,
+                "station": station(s),
+                "surface": s.name if s.role in ("pad", "surface", "mark") else "",
+            }
+            for s in shapes
+        ],
         "outlines": pack_points(
             [
                 1e3
@@ -332,70 +362,62 @@ def _links(action: Action, names: Mapping[str, int], unit: float) -> dict[str, A
     }
 
 
-def _finger(action: Action, film: Film, names: Mapping[str, int]) -> dict[str, Any] | None:
-    """Place, direction and force of the finger; None without one."""
-    finger = action.config.finger
-    if finger is None or film.finger is None:
-        return None
-    direction = np.array(finger.direction) / np.hypot(*finger.direction)
-    return {
-        "body": names[finger.body],
-        "at": _rounded(1e3 * np.array(finger.point), 3),
-        "along": _rounded(direction, 5),
-        "force": pack_columns(film.finger[:, None]),
-    }
-
-
 def _part(action: Action, body: str) -> str:
     """Name of a body for people."""
     known = action.config.bodies.get(body)
     return (known.label if known else "") or body.replace("_", " ")
 
 
-def _string(
-    run: Run, action: Action, film: Film, keep: slice, samples: int
-) -> dict[str, Any] | None:
-    """Line of the string, and its modal coordinates with the mode shapes."""
-    line = string_line(action)
+def _string(film: Film) -> dict[str, Any] | None:
+    """Line of the string, and the shapes of its modes."""
+    line = string_line(film.action)
     if line is None:
         return None
     start, along, normal, length = line
-    assert action.config.string is not None
-    out: dict[str, Any] = {
+    run = film.run
+    moves = bool(run.provenance.get("string")) and run.eta.ndim == 2 and run.eta.shape[1] > 0
+    return {
         "start": _rounded(1e3 * start, 3),
         "along": _rounded(along, 6),
         "normal": _rounded(normal, 6),
         "length": 1e3 * length,
         "reach": 1e3 * string_reach(line, film.limits),
-        "modes": None,
+        "shapes": pack_columns(_mode_shapes(run, length)) if moves else None,
     }
+
+
+def _mode_shapes(run: Run, length: float) -> Array:
+    return run.string_shapes(np.linspace(0.0, length, STRING_POINTS))
+
+
+def _modes(film: Film, keep: slice, samples: int) -> dict[str, Any] | None:
+    """Modal coordinates [mm] of the modes ``which`` that can be seen; None: no string moves."""
+    run, line = film.run, string_line(film.action)
     eta = run.eta[keep]
-    if not run.provenance.get("string") or eta.ndim != 2 or eta.shape[1] == 0:
-        return out
-    y = np.linspace(0.0, length, STRING_POINTS)
-    shapes = run.string_shapes(y)
+    if line is None or not run.provenance.get("string") or eta.ndim != 2 or eta.shape[1] == 0:
+        return None
+    shapes = _mode_shapes(run, line[3])
     if not np.all(np.isfinite(eta)) or shapes.shape[1] != eta.shape[1]:
         raise InvalidParameter("the run holds motions of the string that are no finite numbers")
     peak = np.maximum(eta.max(axis=0), -eta.min(axis=0))
     size = peak * np.abs(shapes).max(axis=0)
-    audible = size > 1e-4 * max(float(size.max()), 1e-30)
-    if not np.any(audible):
-        return out
-    eta, shapes, peak = eta[:, audible], shapes[:, audible], peak[audible]
+    seen = np.flatnonzero(size > 1e-4 * max(float(size.max()), 1e-30))
+    if len(seen) == 0:
+        return None
+    eta, peak = eta[:, seen], peak[seen]
     # Exact before the strike: the string is at rest until the first sample that moves.
     moving = np.any((eta > 1e-6 * peak) | (eta < -1e-6 * peak), axis=1)
     first = max(int(np.argmax(moving)) - 1, 0)
     stride = -(-(len(eta) - first) // samples)
     some = np.unique(np.concatenate([[0], np.arange(first, len(eta), stride), [len(eta) - 1]]))
-    w = 1e3 * eta[some] @ shapes.T
-    out["modes"] = {
-        "time": pack_times(1e3 * run.time[keep][some]),
+    time = 1e3 * run.time[keep]
+    return {
+        "time": pack_times(time[some]),
         "eta": pack_columns(1e3 * eta[some]),
-        "shapes": pack_columns(shapes),
-        "largest": float(np.abs(w).max()),
-        "step": float(np.median(np.diff(1e3 * run.time[keep]))) * stride,
+        "which": seen.tolist(),
+        "largest": float(np.abs(1e3 * eta[some] @ shapes[:, seen].T).max()),
+        "step": float(np.median(np.diff(time))) * stride,
     }
-    return out
 
 
 def default_panels(runs: Sequence[Run | Curves]) -> list[dict[str, Any]]:

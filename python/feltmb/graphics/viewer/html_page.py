@@ -5,7 +5,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import html
-import json
 import math
 from collections.abc import Callable, Sequence
 from functools import cache
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from feltmb.graphics.plot.readings import named_events
 from feltmb.graphics.viewer.content import MOST_RUNS, default_panels, describe
 from feltmb.graphics.viewer.curves import Curves
+from feltmb.graphics.viewer.packing import json_text
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, check_writable, write_text
@@ -59,13 +59,14 @@ def assets() -> str:
 def policy(*scripts: str, simulates: bool = False) -> str:
     """Content security policy of a page: it loads nothing, and only its own scripts run.
 
-    ``simulates``: also the module of the core, in a worker that the page made.
+    ``simulates``: also the module of the core, in a worker that the page made, and what it gives to
+    hear.
     """
     hashes = " ".join(
         "'sha256-" + base64.b64encode(hashlib.sha256(s.encode()).digest()).decode() + "'"
         for s in scripts
     )
-    worker = "; worker-src blob:" if simulates else ""
+    worker = "; worker-src blob:; media-src blob:" if simulates else ""
     hashes += " 'wasm-unsafe-eval'" if simulates else ""
     return (
         f"default-src 'none'; script-src {hashes}; style-src 'unsafe-inline'; base-uri 'none'"
@@ -73,9 +74,9 @@ def policy(*scripts: str, simulates: bool = False) -> str:
     )
 
 
-def json_text(data: Any) -> str:
+def script_text(data: Any) -> str:
     """JSON that cannot end a script element, for any content of its texts."""
-    text = json.dumps(data, separators=(",", ":"), allow_nan=False)
+    text = json_text(data)
     for sign in "<>&\u2028\u2029":
         text = text.replace(sign, f"\\u{ord(sign):04x}")
     return text
@@ -155,7 +156,7 @@ def fragment(
     }
     return (
         '<div class="feltmb-view" tabindex="0"><script type="application/json">'
-        f"{json_text(data)}</script>"
+        f"{script_text(data)}</script>"
         "<noscript><p>This picture moves: it needs a browser that runs scripts.</p></noscript>"
         "</div>\n"
     )

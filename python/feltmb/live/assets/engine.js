@@ -61,9 +61,8 @@ class Machine {
     this.core = core;
     this.content = content;
     const {c} = core;
-    const {stage} = content;
-    stage.outlines = lines(stage.outlines);
-    if (stage.string?.modes) stage.string.modes.shapes = columns(stage.string.modes.shapes);
+    const {string} = this.look = content.hello.look;
+    this.modes = string?.shapes ? columns(string.shapes) : [];
     this.it = core.check(core.with([content.archive], c.feltmb_create));
     for (const [, point, [x, y], travel] of content.points) c.feltmb_watch_point(this.it, point, x, y, travel);
     const {strike, key} = content.reading;
@@ -92,8 +91,12 @@ class Machine {
   turn(turned) {
     const {c} = this.core;
     c.feltmb_reset(this.it);
-    for (const [i, value] of this.values(turned)) this.core.check(c.feltmb_set(this.it, i, value));
+    this.turned = this.values(turned);
+    for (const [i, value] of this.turned) this.core.check(c.feltmb_set(this.it, i, value));
   }
+
+  // Number of a path as it is turned.
+  now(path) { const i = this.content.numbers[path]; return this.turned.get(i) ?? this.content.first[i]; }
 
   // A stroke: samples of all outputs by name, events, string.
   run(stroke, {duration = stroke.duration, rtol = 1e-6, rate = 10000} = {}) {
@@ -233,8 +236,129 @@ function summaryOf(machine, run, named) {
   }
   if (run.peaks.length) [, out.max_impact_force, out.max_impact_force_time] = run.peaks;
   if (k >= 0 && named.has("let_off")) out.let_off_gap = -changes[named.get("let_off")].compression[k];
+  if (named.has("check")) [out.check_gap, out.check_gap_swing] = checkOf(machine, run) || [];
   if (run.lowest.length) out.key_travel = run.lowest[1] - run.lowest[2];
   return Object.fromEntries(Object.entries(out).filter(([, v]) => Number.isFinite(v)));
+}
+
+// ---------------------------------------------------------------- measurements
+
+const CHECK_WINDOW = 0.01;  // of the mean distance in check [s]
+const MOST_SWING = 1e-3;  // of a hammer in check that counts as at rest [m]
+const LEVELS = [1.5, 2.5, 4, 7, 12, 20, 35];  // of pressed strikes [N]
+
+const ofContact = (run, number, what) => run.values[`contact${String(number).padStart(2, "0")}.${what}`];
+
+// Distance of hammer and undisplaced string [m].
+function gapOf(machine, run) {
+  const moved = run.values["string.strike"];
+  return ofContact(run, machine.content.reading.strike, "compression").map((d, i) => -d - (moved ? moved[i] : 0));
+}
+
+// Mean and swing [m] of the distance of a hammer in check, as add_check in strikes.py; null: it is not held long enough.
+function checkOf(machine, run) {
+  const {time} = run, gap = gapOf(machine, run), forces = machine.content.check_contacts.map(n => ofContact(run, n, "force"));
+  const held = time.map((_, i) => forces.reduce((sum, f) => sum + f[i], 0)), mean = v => v.reduce((a, b) => a + b, 0) / v.length;
+  const part = (values, a, b) => values.filter((_, i) => time[i] >= a && time[i] <= b);
+  const found = (a, b) => { const v = part(gap, a, b), [low, high] = spread(v); return [mean(v), high - low]; };
+  const end = time.at(-1);
+  if (mean(part(held, end - CHECK_WINDOW, end)) > 0) return found(end - CHECK_WINDOW, end);
+  for (let last = time.length - 1; last >= 0; last--) {
+    if (!(held[last] > 0)) continue;
+    let first = last;
+    while (first > 0 && held[first - 1] > 0) first--;
+    const count = Math.trunc((time[last] - time[first]) / CHECK_WINDOW), windows = [];
+    for (let k = count; k > 0; k--) windows.push(found(time[last] - k * CHECK_WINDOW, time[last] - (k - 1) * CHECK_WINDOW));
+    if (count) return windows.reduce((best, w) => w[1] < best[1] ? w : best);
+    last = first;
+  }
+  return null;
+}
+
+// Value of a regulation target [SI], as measuring.py; fails with the reason why there is none. `runs`: those that are
+// there already, by name.
+function measureOf(machine, step, runs) {
+  const {strokes, reading, coordinates} = machine.content;
+  const run = (name, stroke) => runs[name] ||= machine.run(stroke, {rate: 2000});
+  const press = () => run(`press ${step.speed} ${step.travel}`, strokeOf({kind: "strike", speed: step.speed, travel: step.travel}, {}));
+  const rest = () => Object.values(runs)[0] || press();  // all begin there
+  const closest = () => spread(gapOf(machine, press()))[0];
+  switch (step.measure) {
+  case "rest_gap": return -ofContact(rest(), step.contact, "compression")[0];
+  case "rest_force": return ofContact(rest(), step.contact, "force")[0];
+  case "simulated_press": return closest();
+  case "aftertouch": { const gap = gapOf(machine, press()); return -ofContact(press(), step.contact, "compression")[gap.indexOf(spread(gap)[0])]; }
+  case "drop": return gapOf(machine, press()).at(-1) - closest();
+  case "simulated_start": {
+    const change = press().changes.find(c => c.contact === step.contact && c.closes && c.time > 0);
+    if (!change) throw new Error(`contact ${step.contact} does not close in a press of ${1e3 * step.travel} mm`);
+    return 1 - sampled(press().time, gapOf(machine, press()), [change.time])[0] / -ofContact(rest(), reading.strike, "compression")[0];
+  }
+  case "spring_force": {
+    const {coordinate, name, arm} = step.spring, number = what => machine.now(`springs.${name}.${what}`);
+    return Math.abs(number("stiffness") * (rest().values[coordinate][0] - number("rest_angle"))) / arm;
+  }
+  case "check_distance": {
+    const found = checkOf(machine, run(step.stroke, strokes[step.stroke]));
+    if (!found) throw new Error(`the backcheck does not hold the hammer after ${step.stroke}`);
+    if (found[1] > MOST_SWING) throw new Error(`the hammer swings by ${(1e3 * found[1]).toPrecision(3)} mm in check at the end of ${step.stroke}`);
+    return found[0];
+  }
+  default: throw new Error("this measurement needs feltmb live");
+  }
+}
+
+// Rows of the regulation targets.
+function targetRows(machine) {
+  const runs = {};
+  return machine.content.targets.map(step => {
+    try {
+      const value = measureOf(machine, step, runs), {target, low, high, factor} = step;
+      const error = target !== null ? value - target : Math.min(0, value - (low ?? -Infinity)) || Math.max(0, value - (high ?? Infinity));
+      return {...step, value: factor * value, holds: Math.abs(factor * error) <= (step.tolerance || 0), why: ""};
+    } catch (error) { return {...step, value: null, holds: false, why: error.message}; }
+  });
+}
+
+// Speeds [m/s] of key and hammer of strikes from pp to ff.
+function speedRows(machine) {
+  const rows = [];
+  for (const level of LEVELS) {
+    const run = machine.run({...strokeOf({kind: "press", force: level}, {}), duration: 0.45}, {rate: 5000});
+    const {impact_time: hit, impact_speed: speed} = summaryOf(machine, run, nameEvents(run.changes, machine.content.events));
+    const key = run.values[`${machine.content.reading.key_name}.vy`];
+    if (hit !== undefined && key) rows.push([Math.max(...key.filter((_, i) => run.time[i] <= hit).map(v => -v)), speed, level]);
+  }
+  return {rows, missed: LEVELS.length - rows.length};
+}
+
+// ---------------------------------------------------------------- sound
+
+const RATE = 44100;
+
+// Force on the bridge at the rate of a sound, as sound.py.
+function bridgeOf({time, values}) {
+  const force = values["string.bridge_force"];
+  if (!force) throw new Error("this mechanism has no string");
+  return sampled(time, force, Float64Array.from({length: Math.max(2, Math.trunc((time.at(-1) - time[0]) * RATE))}, (_, i) => time[0] + i / RATE));
+}
+
+// 16 bit mono WAV file, scaled to the largest value.
+function wavOf(sound) {
+  const view = new DataView(new ArrayBuffer(44 + 2 * sound.length)), top = Math.max(...spread(sound.map(Math.abs)));
+  const text = (at, letters) => [...letters].forEach((c, i) => view.setUint8(at + i, c.charCodeAt(0)));
+  text(0, "RIFF"); text(8, "WAVEfmt "); text(36, "data");
+  for (const [at, value] of [[4, 36 + 2 * sound.length], [16, 16], [24, RATE], [28, 2 * RATE], [40, 2 * sound.length]]) view.setUint32(at, value, true);
+  for (const [at, value] of [[20, 1], [22, 1], [32, 2], [34, 16]]) view.setUint16(at, value, true);
+  if (top > 0) sound.forEach((v, i) => view.setInt16(44 + 2 * i, Math.round(v / top * 32000), true));
+  return view.buffer;
+}
+
+// Difference of two sounds, and its level relative to the first [dB].
+function differenceOf(first, second) {
+  const rest = Float64Array.from({length: Math.max(first.length, second.length)}, (_, i) => (first[i] ?? 0) - (second[i] ?? 0));
+  const [power, left] = [first, rest].map(v => v.reduce((sum, x) => sum + x * x, 0));
+  return [rest, left > 0 && power > 0 ? 10 * Math.log10(left / power) : NaN];
 }
 
 // ---------------------------------------------------------------- pictures
@@ -256,8 +380,9 @@ function frameIndices(run, coordinates, [low, high], count) {
     while (moved[i] < moved[0] + k * (moved.at(-1) - moved[0]) / (most - 1)) i++;
     if (out.at(-1) !== i) out.push(i);
   }
-  if (out.at(-1) !== time.length - 1) out.push(time.length - 1);
-  return out;
+  // Forces change before things move: the ends of the motion are exact.
+  const ends = [low, high].map(t => time.findIndex(s => s >= t)).filter(i => i >= 0);
+  return [...new Set([...out, ...ends, time.length - 1])].sort((a, b) => a - b);
 }
 
 function every(count, most) {
@@ -278,32 +403,35 @@ function deflection(shapes, eta) {
 }
 
 function stageOf(machine, run, busy, quality, turned) {
-  const {content} = machine, {stage, order} = content, {time, values} = run;
+  const {content, look} = machine, {order} = content, {time, values} = run;
   const some = frameIndices(run, content.coordinates, busy, FRAMES[quality]);
   const rows = machine.poses(some.map(i => content.coordinates.map(n => values[n][i])));
   const column = (k, factor) => Float64Array.from(rows, row => factor * row[k]);
   const poses = order.bodies.flatMap(at => at < 0 ? [0, 1, 2].map(() => new Float64Array(some.length)) :
     [column(3 * at, 1e3), column(3 * at + 1, 1e3), column(3 * at + 2, 1)]);
   const force = n => values[`contact${String(n).padStart(2, "0")}.force`];
-  const contacts = stage.contacts.filter(c => spread(force(c.number))[1] > 1e-6);
+  const numbers = look.contacts.map(c => c.number).filter(n => spread(force(n))[1] > 1e-6);
   const first = 3 * order.names, line = first + 4 * order.numbers.length;
-  const places = contacts.flatMap(c => [1e3, 1e3, 1, 1].map((f, k) => column(first + 4 * order.numbers.indexOf(c.number) + k, f)));
+  const places = numbers.flatMap(n => [1e3, 1e3, 1, 1].map((f, k) => column(first + 4 * order.numbers.indexOf(n) + k, f)));
   const finger = values["finger.force"] && take(values["finger.force"], some);
-  const forces = contacts.map(c => take(force(c.number), some).map(f => Math.max(f, 0)));
+  const forces = numbers.map(n => take(force(n), some).map(f => Math.max(f, 0)));
   const peaks = [...forces, ...finger ? [finger.map(Math.abs)] : []].map(v => spread(v)[1]);
-  // Surfaces go along with what is turned.
-  const outlines = stage.outlines.map(points => points);
-  for (const [name, size] of Object.entries(turned.knobs))
-    for (const [shape, x, y] of content.shifts[name] || [])
-      outlines[shape] = outlines[shape].map(p => [p[0] + size * x, p[1] + size * y]);
-  const when = every(time.length, STRING), modes = stage.string?.modes;
-  const eta = modes ? run.eta.map(v => take(v, when, 1e3)) : [];
-  return {...stage, outlines, time: take(time, some, 1e3), poses, contacts, places, forces,
-    largest: Math.max(0, ...peaks),
-    beams: stage.beams.map((b, k) => ({...b, line: Array.from({length: 50}, (_, i) => column(line + 50 * k + i, 1e3))})),
-    finger: stage.finger && finger && {...stage.finger, force: [finger]},
-    string: stage.string && {...stage.string, modes: eta.length ? {...modes, time: take(time, when, 1e3), eta,
-      largest: deflection(modes.shapes, eta), step: 1e3 * (time[1] - time[0]) * (when[1] - when[0])} : null}};
+  const when = every(time.length, STRING), {modes} = machine, eta = modes.length ? run.eta.map(v => take(v, when, 1e3)) : [];
+  return {time: take(time, some, 1e3), poses, numbers, places, forces, largest: Math.max(0, ...peaks),
+    lines: look.beams.map((_, k) => Array.from({length: 50}, (_, i) => column(line + 50 * k + i, 1e3))),
+    finger: finger ? [finger] : null, shifts: shiftsOf(machine, turned),
+    modes: eta.length ? {time: take(time, when, 1e3), eta, which: [...eta.keys()], largest: deflection(modes, eta),
+      step: 1e3 * (time[1] - time[0]) * (when[1] - when[0])} : null};
+}
+
+// Shifts x, y of surfaces [mm], in the frame of their body.
+function shiftsOf(machine, turned) {
+  const {paths, first} = machine.content, out = {};
+  for (const [i, value] of machine.values(turned)) {
+    const found = /^surfaces\.(.+)\.point\.([xy])$/.exec(paths[i]);
+    if (found) (out[found[1]] ||= [0, 0])[found[2] === "x" ? 0 : 1] = 1e3 * (value - first[i]);
+  }
+  return out;
 }
 
 // A run for the page, in practical units.
@@ -350,4 +478,43 @@ function strokeOf(p, strokes) {
   const end = START + p.travel / p.speed, slow = p.kind === "slow";
   const time = [START, end, ...slow ? [end + 0.05, 2 * end + 0.05 - START] : []];
   return table("motion", "linear", time, slow ? [0, p.travel, p.travel, 0] : [0, p.travel], time.at(-1) + 0.1);
+}
+
+// ---------------------------------------------------------------- what was measured
+
+const SI = {"": 1, 1: 1, m: 1, cm: 1e-2, mm: 1e-3, um: 1e-6, s: 1, ms: 1e-3, us: 1e-6, N: 1, mN: 1e-3, gf: 9.80665e-3,
+  "m/s": 1, "mm/s": 1e-3, rad: 1, mrad: 1e-3, deg: Math.PI / 180, "rad/s": 1, "deg/s": Math.PI / 180};
+
+// Length [m] of a pixel: "0.21 mm", or the distance of two points, "210 mm from 120 340 to 412 338".
+function pixelSize(text) {
+  const [, size, unit, ...at] = /^([\d.eE+-]+) *(\w+)(?: +from +(\S+) +(\S+) +to +(\S+) +(\S+))?$/.exec(text.trim()) || [];
+  const [x, y, u, v] = at.map(Number), found = Number(size) * SI[unit] / (at[0] === undefined ? 1 : Math.hypot(u - x, v - y));
+  if (!(found > 0 && found < Infinity)) throw new Error(`one pixel is ${text}: expected such as 0.21 mm, or 210 mm from 120 340 to 412 338`);
+  return found;
+}
+
+// Times [s] and channels [SI] of a file, as its columns are read by `gap check`. Values are from the start where the
+// origin is so.
+function readColumns(file, {columns = {}, units = {}, scales = {}, origins = {}, frame_rate: rate, down}, outputs) {
+  const channels = new Map();
+  for (const [column, headed, raw] of file.columns) {
+    const name = Object.keys(columns).find(c => columns[c] === column) ?? column, scale = scales[name] ?? scales[""];
+    const given = units[name] || headed, known = outputs[name] || /^(time|t|frame|finger\.\w+)$/.test(name);
+    const pixels = given === "px" || (!given && scale && outputs[name]), axis = /\.([xy])$/.exec(name)?.[1];
+    if (!known) continue;
+    if (pixels && !scale) throw new Error(`${file.name}: ${column} is in pixels: how large is one? Enter it under columns.`);
+    const factor = pixels ? pixelSize(scale) : SI[given];
+    if (factor === undefined) throw new Error(`${file.name}: unit ${given} of ${column} is unknown; known are px, ${Object.keys(SI).filter(u => u).join(", ")}`);
+    const told = origins[name] ?? (pixels ? origins[""] : ""), place = told?.includes(",") ? told.split(",")[axis === "y" ? 1 : 0] : told;
+    const fromStart = place === "start", zero = fromStart ? raw.find(Number.isFinite) : Number(place || 0);
+    if (!Number.isFinite(zero)) throw new Error(`${file.name}: origin of ${name}: got ${told}, expected x,y in pixels, or start`);
+    const sign = pixels && axis === "y" && (down ?? true) ? -1 : 1;
+    channels.set(name, {values: raw.map(v => sign * factor * (v - zero)), fromStart});
+  }
+  const named = ["time", "t", "frame"].find(n => channels.has(n)), found = named && channels.get(named).values;
+  const count = file.columns[0][2].length, time = rate ? Float64Array.from(found || {length: count}, (v, i) => (found ? v : i) / rate) : found;
+  channels.delete(named);
+  if (!time) throw new Error(`${file.name}: expected a column "time", or the frames a second under columns`);
+  if (time.some((t, i) => !(i ? t > time[i - 1] : t >= 0))) throw new Error(`${file.name}: expected times that grow from 0 or later`);
+  return {time, channels};
 }

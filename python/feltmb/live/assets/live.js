@@ -5,7 +5,6 @@ const FIRST = {kind: "packaged", name: "forte", force: 5, speed: 0.2, travel: 0.
   drawn: "force", time: [], value: []};
 const READER = {m: [1e3, "mm"], rad: [180 / Math.PI, "deg"], "1": [100, "%"], s: [1e3, "ms"]};
 const FELT = 2;  // forces that a hand feels before the key bottom [N]
-const HOLD = 250;  // a newer change does not wait longer than this for an answer [ms]
 const COLOR = {get a() { return PAINT.runs[0]; }, get b() { return PAINT.runs[1]; }};
 
 const copyOf = thing => JSON.parse(JSON.stringify(thing));
@@ -71,7 +70,7 @@ class State {
 
 // ---------------------------------------------------------------- connection
 
-// One WebSocket; while a picture is under way only the newest change waits.
+// One WebSocket.
 class Line {
   static lacks = new Set();
 
@@ -86,7 +85,8 @@ class Line {
     const folder = location.pathname.replace(/[^/]*$/, "");
     const socket = this.socket = new WebSocket(`ws://${location.host}${folder}socket`);
     socket.onopen = () => { this.pause = 300; this.changed(true); };
-    socket.onmessage = e => this.heard(JSON.parse(e.data));
+    socket.binaryType = "arraybuffer";
+    socket.onmessage = e => this.heard(unpackMessage(e.data));
     socket.onclose = () => {
       this.changed(false);
       setTimeout(() => this.open(), this.pause);
@@ -110,6 +110,12 @@ class Line {
 
   post(path, body) { return this.ask(path, {method: "POST", body: JSON.stringify(body)}); }
 
+  // The sound of what a message describes.
+  async sound(message) {
+    const answer = await this.post("sound", message);
+    return {wav: await answer.blob(), level: Number(answer.headers.get("X-Level") ?? NaN)};
+  }
+
   // A measured file; what is known of it.
   async add(file) { return (await this.ask("records?name=" + encodeURIComponent(file.name), {method: "POST", body: file})).json(); }
 
@@ -124,9 +130,9 @@ class Live {
     this.state = new State();
     this.id = 0;
     this.got = {a: null, b: null};
+    this.looks = {a: null, b: null};  // of the mechanism of the newest whole run
     this.shown = [];
-    this.changes = [];  // when what no request tells yet was changed
-    this.sent = new Map();  // when what a request tells was changed
+    this.sent = new Map();  // when what a request tells was changed; those without a picture yet
     this.times = [];  // from change to picture [ms], the newest last
     this.tab = "numbers";
     this.build();
@@ -144,9 +150,8 @@ class Live {
 
   connected(up) {
     this.say(up ? "" : "connection lost, trying again …", !up);
-    this.flying = null;
     this.sent.clear();
-    if (up) { this.dirty = true; this.pump(); }
+    if (up && this.hello) this.ask();
   }
 
   say(text, off = false) {
@@ -174,7 +179,7 @@ class Live {
     this.title.title = m.about;
     // Without a finger the machine moves by itself.
     if (!m.strokes.length) this.state.now.playing.kind = "free";
-    if (other) { this.fillTurn(); this.fillPlay(); this.fillTab(); }
+    if (other) { this.looks = {a: m.look, b: m.look}; this.fillTurn(); this.fillPlay(); this.fillTab(); }
     this.ask();
   }
 
@@ -203,80 +208,61 @@ class Live {
     return 1e-3 * Math.max(rest.end, ...viewer.runs.map(r => r.time(viewer.window[1])));
   }
 
-  // Something changed: simulate anew, as soon as the picture under way is here.
+  // Something changed: simulate anew. What computes takes the newest request, when it has ended the one before.
   ask(b = false) {
-    this.dirty = true;
-    if (b) this.dirtyB = true;
-    this.changes.push(performance.now());
-    this.pump();
-  }
-
-  pump() {
-    if (!this.hello || !this.dirty || !this.line.up) return;
-    const now = performance.now();
-    if (this.flying && now - this.flying.at < HOLD) {
-      clearTimeout(this.later);
-      this.later = setTimeout(() => this.pump(), HOLD - (now - this.flying.at) + 1);
-      return;
-    }
-    this.dirty = false;
-    const asked = this.request("a");
-    this.flying = {id: asked.id, at: now};
-    this.sent.set(asked.id, this.changes);
-    this.changes = [];
-    this.line.send(asked);
-    if (this.dirtyB) {
-      this.dirtyB = false;
-      this.line.send(this.state.now.b ? this.request("b") : {do: "forget"});
-    }
-    if (this.tab === "measured") this.measure();
+    this.b ||= b;
+    if (this.asking) return;
+    this.asking = true;
+    queueMicrotask(() => {
+      this.asking = false;
+      if (!this.hello || !this.line.up) return;
+      const asked = this.request("a");
+      this.sent.set(asked.id, performance.now());
+      this.line.send(asked);
+      if (this.b) this.line.send(this.state.now.b ? this.request("b") : {do: "forget"});
+      this.b = false;
+      if (this.tab === "measured") this.measure();
+    });
   }
 
   pictured(m) {
-    // The server computes the next picture while this one is drawn.
-    if (m.slot === "a" && m.run.quality === "quick" && this.flying && m.id >= this.flying.id) {
-      this.flying = null;
-      this.pump();
-    }
-    const first = !this.viewer, kind = JSON.stringify(this.state.now.playing);
+    const first = !this.viewer, kind = JSON.stringify(this.state.now.playing), {stage} = m.run;
+    stage.look = this.looks[m.slot] = stage.look || this.looks[m.slot];
     this.got[m.slot] = {...m.run, set: m.set, name: m.slot === "a" ? "A, turned" : "B, kept"};
     if (m.slot === "b" && !this.state.now.b) this.got.b = null;
     if (first) this.open();
     else this.viewer.replace(this.both(), {look: kind !== this.played});
     this.played = kind;
-    if (m.slot === "a" && m.run.quality === "full" && !this.flying) this.rest = {played: kind, end: m.run.busy[1]};
+    if (m.slot === "a" && m.run.quality === "full" && !this.sent.size) this.rest = {played: kind, end: m.run.busy[1]};
     const since = m.slot === "a" && m.run.quality === "quick" ? this.answered(m.id) : [];
     if (since.length) {
       requestAnimationFrame(() => {
         this.times.push(...since.map(t => performance.now() - t));
         this.times.splice(0, this.times.length - 500);
-        this.say(`change to picture ${this.times.at(-1).toFixed(0)} ms`);
+        this.say("");
+        this.status.title = `change to picture ${this.times.at(-1).toFixed(0)} ms`;
       });
     }
-    find("faults").classList.remove("of-state");
     if (this.fault) { this.fault = null; this.fileFaults([]); }
     this.showNumbers();
-    this.pump();
   }
 
   // When all was changed that a request and those before it told.
   answered(last) {
     const since = [];
-    for (const [id, times] of this.sent) if (id <= last) { since.push(...times); this.sent.delete(id); }
+    for (const [id, time] of this.sent) if (id <= last) { since.push(time); this.sent.delete(id); }
     return since;
   }
 
   both() { return [this.got.a, this.got.b].filter(r => r); }
 
   refused(m) {
-    this.flying = null;
     this.answered(m.id);
     this.fault = m.faults;
     const box = find("faults");
     box.hidden = false;
     box.replaceChildren(element("b", {}, "This cannot be simulated"),
       element("ul", {}, ...m.faults.map(f => element("li", {}, f))));
-    this.pump();
   }
 
   // -------------------------------------------------------------- structure
@@ -296,7 +282,7 @@ class Live {
         button("Reset all", () => this.resetAll())),
       element("span", {class: "group"}, this.keepButton, this.swapButton, this.dropButton),
       element("span", {class: "group"},
-        ...this.has("sound") ? [button("Hear", () => this.hearIt("a")), this.hearB, this.hearRest] : [],
+        button("Hear", () => this.hearIt("a")), this.hearB, this.hearRest,
         ...this.has("files") ? [button("Save TOML", () => this.save())] : []),
       this.status);
     this.playBar = element("div", {class: "play"});
@@ -622,26 +608,27 @@ class Live {
     this.say(`MIDI: ${this.midi.inputs.size} inputs`);
   }
 
-  async post(path, slot = "a", more = {}) {
+  // What answers a message about what is turned and played; null: it failed.
+  async tell(way, slot = "a", more = {}) {
     const turned = slot === "b" ? this.state.now.b : this.turned();
-    try { return await this.line.post(path, {id: 0, turned, playing: this.state.now.playing, ...more}); }
+    try { return await way({id: 0, turned, playing: this.state.now.playing, ...more}); }
     catch (error) { this.say(error.message, true); return null; }
   }
 
   // Each sound is played at full scale; how loud a difference is, is said.
   async hearIt(slot, rest = false) {
-    const answer = await this.post("sound", slot, rest ? {minus: this.state.now.b} : {});
+    const answer = await this.tell(m => this.line.sound(m), slot, rest ? {minus: this.state.now.b} : {});
     if (!answer) return;
-    const level = Number(answer.headers.get("X-Level") ?? NaN), wav = await answer.blob();
+    const {level, wav} = answer;
     if (rest) this.say(Number.isFinite(level) ? `A − B is ${round(Math.abs(level), 3)} dB ` +
       `${level < 0 ? "below" : "above"} A` : "A and B sound the same");
     if (this.sound) URL.revokeObjectURL(this.sound.src);
-    this.sound = new Audio(URL.createObjectURL(wav));
+    this.sound = new Audio(URL.createObjectURL(new Blob([wav], {type: "audio/wav"})));
     this.sound.play().catch(e => this.say(String(e), true));
   }
 
   async save(path = "toml", name = `${this.hello.name}_turned.toml`) {
-    const answer = await this.post(path);
+    const answer = await this.tell(m => this.line.post(path, m));
     if (!answer) return;
     const link = element("a", {href: URL.createObjectURL(await answer.blob()), download: name});
     link.click();
@@ -653,7 +640,7 @@ class Live {
   fillTab() {
     if (!this.hello) return;
     const names = [["numbers", "Numbers"], ["regulation", "Regulation"], ["touch", "Touch"], ["speeds", "Speeds"],
-      ["timing", "Timing"], ["loops", "Contact loops"], ["measured", "Measured"], ["command", "As a command"]].filter(([name]) => this.has(name));
+      ["timing", "Timing"], ["loops", "Contact loops"], ["measured", "Measured"], ["command", "As a command"]];
     this.tabs.replaceChildren(...names.map(([name, text]) => button(text, () => {
       this.tab = name;
       this.fillTab();
@@ -695,7 +682,7 @@ class Live {
       const rows = (table, names, columns) => names.map(name => {
         const row = table.insertRow(), cells = columns.map(() => element("td", {class: "n"}));
         row.dataset.name = name;
-        row.append(element("td", {}, name.replace(/_/g, " ")), ...cells);
+        row.append(element("td", {}, name.replace(/_/g, " ") + (table === energy || !unit(name)[1] ? "" : ` [${unit(name)[1]}]`)), ...cells);
         return cells;
       });
       this.numbers = {key, table, cells: rows(table, names, b ? [1, 2, 3] : [1]), energies: rows(energy, energies.map(e => e[0]), [1])};
@@ -704,10 +691,10 @@ class Live {
         ...a.warnings.map(w => element("p", {class: "hint"}, w)));
     }
     names.forEach((name, i) => {
-      const [factor, text] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
+      const [factor] = unit(name), [x, y] = [a.summary[name], b?.summary[name]];
       [x, y, x === undefined || y === undefined ? undefined : x - y].slice(0, b ? 3 : 1).forEach((v, k) => {
         const cell = this.numbers.cells[i][k];
-        put(cell, v === undefined ? "–" : `${round(factor * v, 5)} ${text}`);
+        put(cell, v === undefined ? "–" : round(factor * v, k < 2 ? 5 : 3));
         if (v === undefined) delete cell.dataset.value; else cell.dataset.value = String(v);
       });
     });
@@ -761,8 +748,8 @@ class Live {
     }
     const note = m?.fault ? m.fault : !m ? "measuring …" : m.rows.length ? "" : "there are no targets for this mechanism";
     this.tabBox.replaceChildren(table, element("p", {class: "hint"}, note),
-      button("Regulate", () => { this.say("regulating …"); this.line.send({do: "regulate", turned: this.turned()}); },
-        this.hello.targets ? {} : {disabled: ""}),
+      ...!this.has("regulation") ? [] : [button("Regulate", () => { this.say("regulating …");
+        this.line.send({do: "regulate", turned: this.turned()}); }, this.hello.targets ? {} : {disabled: ""})],
       element("div", {class: "turnings"}, ...this.turnings || []));
   }
 
@@ -997,7 +984,7 @@ class Live {
         this.fillFiles();
         this.measure();
       }, {"aria-label": `remove ${f.name}`}), " "))),
-      element("details", {}, element("summary", {}, "columns"), rows, ...this.has("files") ? this.camera() : []),
+      element("details", files.some(f => f.columns.some(c => c[1] === "px")) ? {open: ""} : {}, element("summary", {}, "columns"), rows, ...this.camera()),
       ...!this.has("diagnosis") ? [] : [element("p", {}, button("Diagnose", () => this.diagnose()), " for at most ", this.minutes = element("input",
         {type: "number", class: "minutes", min: "0.5", max: "120", step: "any", value: "5", "aria-label": "minutes of a diagnosis"}),
         " minutes ", button("Stop", () => this.line.send({do: "stop"})),

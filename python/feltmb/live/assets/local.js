@@ -2,7 +2,7 @@
 
 class Local {
   // What needs the server.
-  static lacks = new Set(["sound", "files", "regulation", "speeds", "diagnosis"]);
+  static lacks = new Set(["files", "regulation", "diagnosis"]);
 
   constructor(heard, changed) {
     this.up = false;
@@ -12,6 +12,7 @@ class Local {
     const address = URL.createObjectURL(new Blob([find("engine").textContent], {type: "text/javascript"}));
     this.worker = new Worker(address);
     this.worker.onmessage = ({data}) => {
+      if (data.on === "sound") { this.hear(data); return; }
       if (data.on !== "ready") { heard(data); return; }
       this.up = true;
       changed(true);
@@ -40,6 +41,14 @@ class Local {
     this.send({do: "add", file: entry.file, name: entry.name, columns: head.map(([name, unit = ""], k) =>
       [name, unit, Float64Array.from(table, row => number(row[k] ?? ""))])});
     return entry;
+  }
+
+  // The sound of what a message describes.
+  sound(message) {
+    return new Promise((good, bad) => {
+      this.hear = found => found.fault ? bad(new Error(found.fault)) : good(found);
+      this.send({do: "sound", ...message});
+    });
   }
 
   async remove(key) { this.send({do: "remove", file: key}); }

@@ -1,23 +1,31 @@
-// Numbers of the page: base64 of little-endian integers and floats, as packing.py writes them. Arrays
-// that a worker made are passed through.
+// Numbers of the page: little-endian integers and floats, as packing.py writes them, in base64 or beside
+// the text of a message. Arrays that a worker made are passed through.
 
 function bytes(text) {
+  if (typeof text !== "string") return text;
   const raw = atob(text), out = new Uint8Array(raw.length);
   for (let i = 0; i < raw.length; i++) out[i] = raw.charCodeAt(i);
   return new DataView(out.buffer);
 }
 
+// What a binary message of the server holds: its packed numbers lie after the text.
+function unpackMessage(buffer) {
+  const start = 4 + new DataView(buffer).getUint32(0, true);
+  return JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 4, start - 4)),
+    (key, value) => key === "data" ? new DataView(buffer, start + value[0], value[1]) : value);
+}
+
 // Columns (m arrays of n); -32768 is missing.
 function columns(packed) {
   if (Array.isArray(packed)) return packed;
-  const view = bytes(packed.data), out = [];
-  let at = 0;
-  for (let k = 0; k < packed.m; k++) {
-    const column = new Float64Array(packed.n);
-    if (packed.fixed[k]) column.fill(packed.low[k]);
-    else for (let i = 0; i < packed.n; i++, at += 2) {
+  const view = bytes(packed.data), {n, m} = packed, out = [];
+  let at = 16 * m;
+  for (let k = 0; k < m; k++) {
+    const column = new Float64Array(n), low = view.getFloat64(8 * k, true), step = view.getFloat64(8 * (m + k), true);
+    if (step === 0) column.fill(low);
+    else for (let i = 0; i < n; i++, at += 2) {
       const whole = view.getInt16(at, true);
-      column[i] = whole === -32768 ? NaN : packed.low[k] + packed.step[k] * (whole + 32767);
+      column[i] = whole === -32768 ? NaN : low + step * (whole + 32767);
     }
     out.push(column);
   }

@@ -1,21 +1,28 @@
 // The mechanism at a time: bodies, contact surfaces, straps, string, forces. Lengths in mm.
 
-// What a run needs to be drawn, from the packed numbers of the page.
-function unpackStage(s) {
-  const string = s.string;
-  const modes = string && string.modes;
-  const outlines = lines(s.outlines);
+// What a run needs to be drawn: a look, which many runs may share, and a motion, both as packed numbers. Surfaces
+// are where they are in the look, but for the difference of the shifts of both.
+function unpackStage(motion) {
+  const {look, modes} = motion, {string} = look, here = motion.shifts || {}, there = look.shifts || {};
+  look.points ||= lines(look.outlines);
+  if (string?.shapes) look.modes ||= columns(string.shapes);
+  const shifted = ({surface}, points) => {
+    const [a, b] = [here[surface] || [0, 0], there[surface] || [0, 0]], x = a[0] - b[0], y = a[1] - b[1];
+    return x || y ? points.map(p => [p[0] + x, p[1] + y]) : points;
+  };
   return {
-    ...s,
-    shapes: s.shapes.map((shape, i) => ({...shape, points: outlines[i]})),
-    time: times(s.time),
-    poses: columns(s.poses),
-    places: columns(s.places),
-    forces: columns(s.forces),
-    beams: s.beams.map(b => ({...b, line: columns(b.line)})),
-    finger: s.finger && {...s.finger, force: columns(s.finger.force)[0]},
-    string: string && {...string, modes: modes && {
-      ...modes, time: times(modes.time), eta: columns(modes.eta), shapes: columns(modes.shapes)}},
+    ...look,
+    shapes: look.shapes.map((shape, i) => ({...shape, points: shifted(shape, look.points[i])})),
+    time: times(motion.time),
+    poses: columns(motion.poses),
+    contacts: motion.numbers.map(n => look.contacts.find(c => c.number === n)),
+    places: columns(motion.places),
+    forces: columns(motion.forces),
+    largest: motion.largest,
+    beams: look.beams.map((b, i) => ({...b, line: columns(motion.lines[i])})),
+    finger: look.finger && motion.finger && {...look.finger, force: columns(motion.finger)[0]},
+    string: string && {...string, modes: modes && {...modes, time: times(modes.time), eta: columns(modes.eta),
+      shapes: modes.which.map(k => look.modes[k])}},
   };
 }
 
