@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.optimize import least_squares
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -22,6 +23,8 @@ NEAR = 0.9  #: A hammer that turns back beyond this travel has struck.
 #: Way before the string on which the hammer is free [m]; error of the speed by noise [1].
 FLIGHT, ACCURACY = 2e-3, 2e-3
 MARGIN = 6.0  #: Distance of the last sample from the string, as a multiple of the noise.
+#: Uncertainty of the largest reading of a strike, share of the full scale [1].
+PEAK = 1e-3
 AWAY = 0.03  #: It has turned back when it is this far below its largest travel.
 
 
@@ -62,11 +65,11 @@ def largest_derivative(samples: pd.DataFrame, setup: Setup) -> list[tuple[float,
 
 
 def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]]:
-    """The motion of a free hammer, fitted to the last travel before the string.
+    """The motion of a free hammer and the errors of the unit, fitted by least squares.
 
-    A hammer that is thrown off has a known deceleration; time and speed at the string are those
-    of the parabola through the last samples before it. The gain of the unit is corrected so that
-    the largest travel is that of a strike at this speed.
+    A hammer that is thrown off has a known deceleration. Time and speed at the string, gain and
+    place of the unit at hand are those with which the curve of the sensor gives the last samples
+    before the string, the largest travel of the strike, and the reading at rest.
 
     Parameters
     ----------
@@ -75,58 +78,54 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
     setup
         Sensor and action.
     """
-    time = samples.index.to_numpy(float)
-    counts = samples["hammer"].to_numpy(float)
-    sensor = setup.sensor
-    most = 2**sensor.bits - 1
-    dark = np.median(counts[: max(3, round(0.01 * sensor.rate))])
-    rest = (np.interp(0.0, sensor.travel, sensor.reading) - sensor.low) / (sensor.high - sensor.low)
-    counts = counts - dark + most * rest
+    sensor, time = setup.sensor, samples.index.to_numpy(float)
+    step = (sensor.high - sensor.low) / (2**sensor.bits - 1)
+    reading = sensor.low + step * samples["hammer"].to_numpy(float)
+    noise = float(np.hypot(sensor.noise, 0.3 * step))
+    still = reading[: max(3, round(0.01 * sensor.rate))]
     found = []
-    for top in _turns(sensor.followed(counts)):
-        speed, gain, at = 1.0, 1.0, float(time[top])
+    for top in _turns(sensor.followed(samples["hammer"])):
+        gain, shift, speed = 1.0, 0.0, 1.0
         for _ in range(4):
-            travel = setup.reach * sensor.followed(counts * gain)
-            fitted = _flight(time, travel, top, setup, speed)
-            if fitted is None:
+            travel = sensor.followed((reading / gain - sensor.low) / step) - shift
+            rows = _flight(travel[: top + 1], noise, speed, setup)
+            if rows.size == 0:
                 break
-            at, speed = fitted
-            peak = np.interp(speed, setup.speeds, setup.peaks)
-            wanted = np.interp(peak, sensor.travel, sensor.reading) - sensor.low
-            window = counts[max(0, top - 2) : top + 3]
-            if len(sensor.branches) == 1:
-                gain = (
-                    wanted / (sensor.high - sensor.low) * most / float(np.sort(window)[-3:].mean())
-                )
+            given = np.array([*reading[rows], reading[top], still.mean()])
+            sigma = np.array([*np.full(rows.size, noise), PEAK, noise])
+            end, left = float(time[rows[-1]]), time[rows] - time[rows[-1]]
+
+            def errors(p: Array, left: Array = left, given: Array = given,
+                       sigma: Array = sigma) -> Array:  # fmt: skip
+                """Errors over their standard deviations: of the readings, gain and place."""
+                left, speed = 1e-3 * p[0] - left, p[1]
+                way = 1.0 - (speed * left + 0.5 * setup.flight * left**2) / setup.reach
+                places = np.array([*way, np.interp(speed, setup.speeds, setup.peaks), 0.0])
+                read = np.interp(places + sensor.shift * p[3], sensor.travel, sensor.reading)
+                return np.array([*((given - (1.0 + sensor.gain * p[2]) * read) / sigma), *p[2:]])
+
+            speed = max(setup.reach * float(travel[rows[-1]] - travel[rows[0]])
+                        / (end - float(time[rows[0]])), 0.1)  # fmt: skip
+            start = 1e3 * setup.reach * (1.0 - float(travel[rows[-1]])) / speed
+            p = least_squares(errors, [start, speed, 0.0, 0.0], method="lm").x
+            at, speed = end + 1e-3 * p[0], float(p[1])
+            gain, shift = 1.0 + sensor.gain * p[2], sensor.shift * p[3]
         else:
             found.append((at, speed))
     return found
 
 
-def _flight(
-    time: Array, travel: Array, top: int, setup: Setup, speed: float
-) -> tuple[float, float] | None:
-    """Time and speed at the string of the parabola through the samples just before it."""
+def _flight(travel: Array, noise: float, speed: float, setup: Setup) -> npt.NDArray[np.intp]:
+    """Samples of the free flight before the string, of a travel that ends where it turns back."""
     sensor = setup.sensor
     slope = np.interp(1.0, sensor.travel[1:], np.diff(sensor.reading) / np.diff(sensor.travel))
-    step = (sensor.high - sensor.low) / (2**sensor.bits - 1)
-    noise = np.hypot(sensor.noise, 0.3 * step) * setup.reach / max(abs(float(slope)), 0.05)
-    before = np.flatnonzero(travel[: top + 1] < setup.reach - MARGIN * noise)
+    spread = noise / max(abs(float(slope)), 0.05)
+    before = np.flatnonzero(travel < 1.0 - MARGIN * spread)
     if before.size == 0:
-        return None
-    end = int(before[-1])
+        return before
     # As many samples as the noise wants, but from the free flight only, and at least 4.
-    wanted = (np.sqrt(12.0 / sensor.rate) * noise / (ACCURACY * speed)) ** (2.0 / 3.0)
-    count = max(4, round(min(wanted, FLIGHT / speed) * sensor.rate))
-    rows = np.arange(max(0, end - count + 1), end + 1)
-    t = time[rows] - time[end]
-    known = travel[rows] + 0.5 * setup.flight * t**2
-    slope, offset = np.polyfit(t, known, 1)
-    # reach = offset + slope t - flight t^2 / 2
-    root = slope**2 - 2.0 * setup.flight * (setup.reach - offset)
-    if slope <= 0.0:
-        return None
-    if root <= 0.0:  # it would turn back before the string, by the errors of the sensor
-        return float(time[end]), float(slope)
-    at = 2.0 * (setup.reach - offset) / (slope + np.sqrt(root))
-    return float(time[end] + at), float(np.sqrt(root))
+    wanted = (np.sqrt(12.0 / sensor.rate) * setup.reach * spread / (ACCURACY * abs(speed))) ** (
+        2 / 3
+    )
+    count = max(4, round(min(wanted, FLIGHT / abs(speed)) * sensor.rate))
+    return np.arange(max(0, int(before[-1]) - count + 1), int(before[-1]) + 1)

@@ -176,19 +176,16 @@ def _strange(frame: pd.DataFrame) -> Iterator[str]:
         values = frame[name].dropna()
         wrong = values[(values < column.low) | (values > column.high)]
         expected = f"expected {column.low:g} to {column.high:g} {column.unit}"
-        if 2 * len(wrong) > len(values):
-            hint = "are the columns in this order?"
-            if (
-                column.unit == "g"
-                and column.low <= abs(GRAMS["oz"] * values.median()) <= column.high
-            ):
-                hint = "if these are ounces, write the unit into the head of the column, [oz]"
-            yield (
-                f"{column.text}: {len(wrong)} of {len(values)} numbers, median "
-                f"{values.median():g}, are no {column.text}; {expected}; {hint}"
-            )
+        if len(wrong) <= 3:
+            yield from (f"key {k}: {column.text}: got {v:g}, {expected}" for k, v in wrong.items())
             continue
-        yield from (f"key {k}: {column.text}: got {v:g}, {expected}" for k, v in wrong.items())
+        hint = "are the columns in this order?"
+        if column.unit == "g" and column.low <= abs(GRAMS["oz"] * wrong.median()) <= column.high:
+            hint = "if these are ounces, write the unit into the head of the column, [oz]"
+        yield (
+            f"{column.text}: {len(wrong)} of {len(values)} numbers, {wrong.min():g} to "
+            f"{wrong.max():g}, are no {column.text}; {expected}; {hint}"
+        )
     pairs = (("up_weight", "down_weight"), ("down_weight_with_spring", "down_weight"))
     for less, more in pairs:
         turned = frame.index[frame[less] >= frame[more]]
@@ -227,7 +224,10 @@ def _meaning(head: str) -> str | None:
 
 def _from_csv(path: Path) -> Keyboard:
     lines = text_lines(read_input(path, most=LARGEST_TABLE), path)
-    table = read_table(lines.where(lambda line: not line.lstrip().startswith("#")))
+    lines = lines.where(lambda line: not line.lstrip().startswith("#"))
+    if len(lines) < 2:
+        raise DataError(f"{path}: got no rows, expected a head and one row a key")
+    table = read_table(lines)
     faults: list[str] = []
     notes: list[str] = []
     found: dict[str, tuple[int, float]] = {}

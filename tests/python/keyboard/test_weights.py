@@ -172,6 +172,11 @@ def swap(frame):
     frame[[down, "up weight [gf]"]] = frame[["up weight [gf]", down]].to_numpy()
 
 
+def swap_strike(frame):
+    pair = ["strike weight [gf]", "front weight [gf]"]
+    frame[pair] = frame[pair[::-1]].to_numpy()
+
+
 @pytest.mark.parametrize(
     ("change", "parts"),
     [
@@ -179,7 +184,9 @@ def swap(frame):
         (put(7, "up weight", -3), ["key 7: up weight: got -3, expected 0 to 150 g"]),
         (put(9, "strike", "x"), ["line 10: strike_weight: got 'x', expected a number"]),
         (put(9, "up weight", 95), ["key 9: up weight: got 95 g, expected below the down weight"]),
-        (lambda f: f / 28.35, ["median", "no strike weight", "ounces", "[oz]"]),
+        (lambda f: f / 28.35, ["88 of 88 numbers", "no strike weight", "ounces", "[oz]"]),
+        (swap_strike, ["strike weight: 26 of 88 numbers, -8.89 to 1.88", "columns in this order?"]),
+        (lambda f: f.iloc[:0], ["got no rows"]),
         (rename("up weight", "up weight [V]"), ["got [V], expected one of g, gf, oz"]),
         (rename("up weight", "U-boat"), ["up weight: got 0 numbers, expected one a key"]),
         (lambda f: f.iloc[:12], ["keys: got 12, expected 20 to 108"]),
