@@ -12,6 +12,7 @@
 #include "feltmb/contact/laws/catalog.hpp"
 #include "feltmb/contact/path.hpp"
 #include "feltmb/core/error.hpp"
+#include "feltmb/planar/archive.hpp"
 #include "feltmb_felt.h"
 
 struct feltmb_felt {
@@ -73,6 +74,7 @@ std::map<std::string, FieldValue> values_of_entries(
 }
 
 ContactLaw law_from_text(const std::string& text) {
+  if (text.starts_with("feltmb-law")) return ContactLaw(read_law(text));
   std::istringstream lines(text);
   std::string line, name;
   std::map<std::string, std::vector<std::vector<double>>> entries;
