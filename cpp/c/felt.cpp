@@ -13,7 +13,9 @@
 #include "feltmb/contact/path.hpp"
 #include "feltmb/core/error.hpp"
 #include "feltmb/planar/archive.hpp"
+#pragma GCC visibility push(default)
 #include "feltmb_felt.h"
+#pragma GCC visibility pop
 
 struct feltmb_felt {
   explicit feltmb_felt(std::shared_ptr<const feltmb::ContactLaw> of) : law(std::move(of)) {}
