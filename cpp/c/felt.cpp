@@ -12,7 +12,10 @@
 #include "feltmb/contact/laws/catalog.hpp"
 #include "feltmb/contact/path.hpp"
 #include "feltmb/core/error.hpp"
+#include "feltmb/planar/archive.hpp"
+#pragma GCC visibility push(default)
 #include "feltmb_felt.h"
+#pragma GCC visibility pop
 
 struct feltmb_felt {
   explicit feltmb_felt(std::shared_ptr<const feltmb::ContactLaw> of) : law(std::move(of)) {}
@@ -73,6 +76,7 @@ std::map<std::string, FieldValue> values_of_entries(
 }
 
 ContactLaw law_from_text(const std::string& text) {
+  if (text.starts_with("feltmb-law")) return ContactLaw(read_law(text));
   std::istringstream lines(text);
   std::string line, name;
   std::map<std::string, std::vector<std::vector<double>>> entries;

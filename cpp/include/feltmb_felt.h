@@ -20,6 +20,7 @@ typedef struct feltmb_felt feltmb_felt;
  *   loading a b c               F = a e exp(b e) + c e; unloading likewise
  *   closing_compression VALUE   end of a loop of two curves that do not meet [m]
  *   envelope e loading unloading  a row of a loop as a table [m, N, N], the first one 0 0 0
+ * or the text of the file felt.txt of `feltmb felt c`, of the version of this library.
  * NULL if the text is wrong: then `message` (of `size` bytes, may be NULL) says why. */
 feltmb_felt* feltmb_felt_create(const char* text, char* message, size_t size);
 feltmb_felt* feltmb_felt_copy(const feltmb_felt* felt);

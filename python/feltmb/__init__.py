@@ -32,7 +32,7 @@ Measurements
     unmodeled has the rest: read, Record, your own simulators, FMUs, MuJoCo models, equations
     adapters: mechanisms as models
 Co-simulation
-    export_fmu, export_felt (a contact law alone)
+    export_fmu, export_felt (a contact law alone), export_felt_c (a contact law for C)
 A mechanism as a web page
     export_page
 Errors
@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from feltmb.graphics.viewer import view
     from feltmb.live.page import export_page
     from feltmb.mechanism import Action, load_action, packaged_actions
+    from feltmb.run.c_library import export_felt_c
     from feltmb.run.fmu import export_felt, export_fmu
     from feltmb.run.machine import Machine, MachineState
     from feltmb.run.options import RunOptions
@@ -105,6 +106,7 @@ __all__ = [
     "contact",
     "evaluate",
     "export_felt",
+    "export_felt_c",
     "export_fmu",
     "export_page",
     "felt",
@@ -141,6 +143,7 @@ _LAZY = {
     "errors": "IntegrationError",
     "unmodeled.errors": "DataError Error FileExists InvalidParameter ModelError",
     "action.regulate": "Regulation load_targets regulate",
+    "run.c_library": "export_felt_c",
     "run.fmu": "export_felt export_fmu",
     "action.repetition": "Repetition repeat",
     "run.machine": "Machine MachineState",

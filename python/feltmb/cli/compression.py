@@ -19,13 +19,24 @@ class TestFile:
     __test__ = False
 
     columns: tuple[str, ...] = option(
-        "Column of displacement, thickness, strain, v_f, force, pressure or specimen; its number "
-        "in a file without names.",
+        "Column of displacement, thickness, strain, v_f, force, pressure, time or specimen; its "
+        "number in a file without names.",
         words="--column",
         metavar="QUANTITY=COLUMN",
     )
     units: tuple[str, ...] = option(
         "Unit of a quantity, such as displacement=mm.", words="--unit", metavar="QUANTITY=UNIT"
+    )
+    scales: tuple[str, ...] = option(
+        "What one of a raw reading is, such as displacement=2.5um (a step) or force=46uN (a count "
+        "of a converter).",
+        words="--scale",
+        metavar="QUANTITY=SIZE",
+    )
+    origins: tuple[str, ...] = option(
+        "Zero of a quantity in the unit of the file, such as force=84312 (the count without load).",
+        words="--origin",
+        metavar="QUANTITY=VALUE",
     )
     specimen: str = option("Which one of several specimens.", default="", metavar="NAME")
     cycle: int | None = option(
@@ -45,6 +56,8 @@ class TestFile:
         options = ReadOptions(
             columns=pairs("--column", self.columns, "QUANTITY=COLUMN"),
             units=pairs("--unit", self.units, "QUANTITY=UNIT"),
+            scales=pairs("--scale", self.scales, "QUANTITY=SIZE"),
+            origins=pairs("--origin", self.origins, "QUANTITY=VALUE"),
         )
         return {
             "options": options,

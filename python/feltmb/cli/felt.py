@@ -508,8 +508,23 @@ def fmu_command(
     LAW may be a file of `felt law`, `felt contact` or `felt envelope`. Inputs are compression [m]
     and rate [m/s], outputs are force [N] and energy [J]. The binary needs no Python.
     """
-    from feltmb.felt import FeltEnvelope, FeltMaterial, audit_targets
     from feltmb.run.fmu import export_felt
+
+    name, found = _one_law(law, settings)
+    written = export_felt(
+        found,
+        out,
+        name=name,
+        version=fmi,
+        parameters=parameters or "*",
+        force=force,
+    )
+    say_written(written)
+
+
+def _one_law(law: str, settings: tuple[str, ...]) -> tuple[str, Any]:
+    """A law that another program can have, and its name."""
+    from feltmb.felt import FeltEnvelope, FeltMaterial, audit_targets
     from unmodeled.errors import InvalidParameter
 
     [(name, item)] = audit_targets(law, settings, all_hint="", notify=complain)
@@ -518,15 +533,26 @@ def fmu_command(
             f"{law} is a felt without a thickness and an area, expected a law; hint: feltmb felt "
             f"envelope {law} --thickness 6mm --area constant:1cm2 -o envelope.toml"
         )
-    written = export_felt(
-        item.law() if isinstance(item, FeltEnvelope) else item,
-        out,
-        name=name,
-        version=fmi,
-        parameters=parameters or "*",
-        force=force,
-    )
-    say_written(written)
+    return name, item.law() if isinstance(item, FeltEnvelope) else item
+
+
+@declare("c", felt, "Export LAW for C: its text, a compiled library, its header.")
+def c_command(
+    law: str = argument(complete=packaged("", "felts")),
+    settings: tuple[str, ...] = SET,
+    out: Path = option("Folder of the three files.", FolderName(), required=True),
+    force: bool = FORCE,
+) -> None:
+    """Export LAW for programs that call C, such as MATLAB, Julia and Modelica.
+
+    LAW is as for `felt fmu`. The folder gets felt.txt (the law), feltmb_felt.h and the compiled
+    library, which needs neither Python nor a C++ compiler.
+    """
+    from feltmb.run.c_library import export_felt_c
+
+    export_felt_c(_one_law(law, settings)[1], out, force=force)
+    say_written(out)
+    say(f"a program: cc -I {out} program.c -L {out} -lfeltmb_felt -Wl,-rpath,{out} -o program")
 
 
 # --- felts from loops ----------------------------------------------------------------------------

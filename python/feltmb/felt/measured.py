@@ -278,7 +278,7 @@ def read_specimen(
     if lacking:
         raise DataError(f"{file}: {'; '.join(lacking)}")
     try:
-        table = without_frame(table, frame, thickness0=thickness0, area=area)
+        table = without_frame(table, frame, thickness0=thickness0, area=area, options=options)
     except DataError as error:
         raise DataError(f"{file}: {error}") from None
     by_thickness = table.compression == "thickness"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
@@ -20,7 +21,7 @@ from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
 from unmodeled.data.tables import plain_name
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.units import conversion_factor, spelled_unit, weight_hint
-from unmodeled.units.quantity import fault_text, shortened
+from unmodeled.units.quantity import fault_text, parse_scalar, shortened
 
 Array = NDArray[np.float64]
 
@@ -55,7 +56,11 @@ SPECIMENS = (
     "试样"
 )
 #: Keys of the description of a column that are used.
-_KEYS = {"column", "unit", "factor", "shift", "si"}
+_KEYS = {"column", "unit", "scale", "origin", "factor", "shift", "si"}
+#: Options of reading that are used.
+_OPTIONS = {"columns", "units", "scales", "origins"}
+#: Keys of a description of a file that would change the samples, and are not used.
+_OF_RECORDS = {"interval", "frame_rate", "missing", "first", "last", "every"}
 #: Words beside the name of a specimen.
 _NUMBERED = ("id", "no", "nr", "number", "nummer", "name", "label", "numéro")
 #: Columns of texts that divide the test of one specimen.
@@ -113,7 +118,8 @@ def read_test(
     compressions, loads
         Quantities that may be used; of several in the file, the first one here.
     options
-        Columns and units of the quantities, and of ``specimen``.
+        Columns of the quantities, of ``time`` and of ``specimen``; units; for raw readings
+        ``scales``, the size of one unit of the file, and ``origins``, its zero.
     specimen
         Which one of several specimens.
 
@@ -126,18 +132,22 @@ def read_test(
     sheet = read_sheet(path) or Sheet()
     specs: dict[str, ColumnSpec] = {**sheet.inputs, **sheet.outputs}
     faults = _unused(path, options, specs)
+    faults += [
+        f"{path.with_suffix('.toml')}: {key} is not used in a compression test"
+        for key in sorted(sheet.model_fields_set & _OF_RECORDS)
+    ]
     columns = read_columns(path, strict=False, numbered=bool(options.columns or specs))
     stated = _stated(columns, options, specs, faults)
     notes: list[str] = []
     chosen = []
     for units, wanted in ((COMPRESSIONS, compressions), (LOADS, loads)):
         quantity, column = _choose(columns, units, wanted, stated, faults, notes)
-        spec = specs.get(quantity, ColumnSpec())
+        spec = _spec(quantity, specs, options)
         chosen.append((quantity, column, _values(columns, column, quantity, spec, faults)))
     (quantity, column, x), (load, load_column, p) = chosen
     faults += columns.faults([column, load_column], complete=True)
     branches = _branches(columns, faults)
-    time = _time(columns)
+    time = _time(columns, options, sheet, faults)
     if not faults:
         rows = _specimen(columns, options.columns.get("specimen") or sheet.run, specimen, faults)
         x, p = x[rows], p[rows]
@@ -158,11 +168,20 @@ def read_test(
 
 def _unused(path: Path, options: ReadOptions, specs: Mapping[str, ColumnSpec]) -> list[str]:
     """Faults of names and keys that a compression test does not have."""
+    named = {**options.columns, **options.units, **options.scales, **options.origins, **specs}
+    sized = {*options.scales, *options.origins, *specs}
     faults = [
-        f"{name}: is no quantity of a compression test, expected one of {', '.join(_UNITS)}, "
+        f"{name}: is no quantity of a compression test, expected one of {', '.join(_UNITS)}, time, "
         "specimen (--column QUANTITY=COLUMN, --unit QUANTITY=UNIT)"
-        for name in dict.fromkeys((*options.columns, *options.units, *specs))
-        if name not in _UNITS and (name != "specimen" or name in options.units)
+        for name in named
+        if name not in _UNITS
+        and (name not in ("time", "specimen") or name in sized)
+        and (name != "specimen" or name in options.units)
+    ]
+    faults += [
+        f"{key}: is not used in a compression test, expected {', '.join(sorted(_OPTIONS))}"
+        for key, value in vars(options).items()
+        if key not in _OPTIONS and value != getattr(ReadOptions(), key)
     ]
     return faults + [
         f"{path.with_suffix('.toml')}: {key} of {name} is not used in a compression test, expected "
@@ -197,15 +216,47 @@ def _stated(
     return stated
 
 
+def _spec(quantity: str, specs: Mapping[str, ColumnSpec], options: ReadOptions) -> ColumnSpec:
+    """Description of a column, in which the options replace the scale and the origin."""
+    given = {"scale": options.scales.get(quantity), "origin": options.origins.get(quantity)}
+    return specs.get(quantity, ColumnSpec()).model_copy(
+        update={k: v for k, v in given.items() if v is not None}
+    )
+
+
 def _values(
     columns: Columns, column: str, quantity: str, spec: ColumnSpec, faults: list[str]
 ) -> Array:
     """Values of a column in the SI unit of its quantity; none without a column."""
     if not column:
         return np.zeros(0)
-    values = values_in(columns, column, _UNITS[quantity], faults)
+    si = _UNITS[quantity]
+
+    def number(key: str, text: float | str, unit: str) -> float:
+        try:
+            return parse_scalar(text, unit)
+        except ValueError as error:
+            faults.append(f"column {shortened(column)}: {key} of {quantity}: {error}")
+            return math.nan
+
+    origin = number("origin", spec.origin, "1")
+    size = 1.0 if spec.scale == "" else number("scale", spec.scale, si)
+    if size == 0.0:
+        faults.append(f"column {shortened(column)}: scale of {quantity} = 0, expected another one")
+    if spec.scale != "":
+        columns.units[column] = si
+    unit = unit_of_column(columns, column) or si
+    wrong: list[str] = []
+    values = values_in(columns, column, si, wrong)
+    if wrong and not unit_of_column(columns, column):
+        wrong[-1] += (
+            f" (or --unit {quantity}={si}; raw readings: --scale {quantity}=SIZE, what one is)"
+        )
+    faults += wrong
+    if origin != 0.0 and not wrong:
+        values = values - origin * conversion_factor(unit, si)
     with np.errstate(over="ignore"):
-        values = values * spec.factor + spec.shift
+        values = values * size * spec.factor + spec.shift
     faults += [
         f"{columns.place(int(i))}: {shortened(column)} = {values[i]:.4g} {_UNITS[quantity]}, "
         f"expected at most {_LARGEST:g}"
@@ -214,14 +265,24 @@ def _values(
     return values
 
 
-def _time(columns: Columns) -> Array | None:
+def _time(columns: Columns, options: ReadOptions, sheet: Sheet, faults: list[str]) -> Array | None:
     """Time of all rows [s]; None without a column of it that has a unit."""
-    found: list[Array] = []
-    for name in columns.called("time")[:1]:
-        faults: list[str] = []
-        values = values_in(columns, name, "s", faults)
-        found = [] if faults or not np.all(np.isfinite(values)) else [values]
-    return found[0] if found else None
+    stated = options.columns.get("time") or sheet.time
+    unit = options.units.get("time") or sheet.time_unit
+    column = columns.find(stated) if stated else next(iter(columns.called("time")), "")
+    if not column:
+        if stated or unit:
+            faults.append(
+                f"no column {shortened(stated or 'time')!r} for time; there are {columns}"
+            )
+        return None
+    if unit:
+        columns.units[column] = unit
+    wrong: list[str] = []
+    values = values_in(columns, column, "s", wrong)
+    if stated or unit:
+        faults += wrong
+    return None if wrong or not np.all(np.isfinite(values)) else values
 
 
 def _branches(columns: Columns, faults: list[str]) -> list[str]:

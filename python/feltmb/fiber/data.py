@@ -284,7 +284,7 @@ def read_compression(
     if faults:
         raise DataError(fault_text(str(file), faults, most=20))
     try:
-        table = without_frame(table, frame, thickness0=thickness0, area=area)
+        table = without_frame(table, frame, thickness0=thickness0, area=area, options=options)
     except DataError as error:
         raise DataError(f"{file}: {error}") from None
     v, heights = stated.fractions(table, faults)

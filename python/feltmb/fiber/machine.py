@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from feltmb.fiber.approach import LEAST, OFFSET, SURE, scatter_of
 from feltmb.fiber.columns import CompressionColumns, read_test
+from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
 
 Array = NDArray[np.float64]
@@ -101,6 +102,7 @@ def without_frame(
     *,
     thickness0: float | None,
     area: float | None,
+    options: ReadOptions | None = None,
 ) -> CompressionColumns:
     """The test without the deflection of the frame of its machine.
 
@@ -112,6 +114,8 @@ def without_frame(
         Compliance [m/N], or the file of a blank record: displacement and force without a specimen.
     thickness0, area
         Thickness [m] and area [m^2] of the specimen, for strain and pressure.
+    options
+        Those of the test; the blank record has the same columns of displacement and force.
 
     Raises
     ------
@@ -132,7 +136,10 @@ def without_frame(
     if faults:
         raise DataError("; ".join(faults))
     force = table.loads * (area if table.load == "pressure" and area else 1.0)
-    moved = _by_blank(Path(frame), force) if isinstance(frame, str | Path) else frame * force
+    if isinstance(frame, str | Path):
+        moved = _by_blank(Path(frame), force, options or ReadOptions())
+    else:
+        moved = frame * force
     unit = {"strain": thickness0 or 1.0, "thickness": -1.0}.get(table.compression, 1.0)
     note = (
         f"the deflection of the frame, {1e3 * float(np.max(moved)):.3g} mm at the largest force, "
@@ -141,12 +148,17 @@ def without_frame(
     return replace(table, x=table.x - moved / unit, notes=(*table.notes, note))
 
 
-def _by_blank(path: Path, force: Array) -> Array:
+def _by_blank(path: Path, force: Array, options: ReadOptions) -> Array:
     """Deflection [m] of a frame at forces [N], from a record without a specimen."""
     from scipy.optimize import isotonic_regression
 
+    quantities = ("displacement", "thickness"), ("force",)
+    own = {
+        key: {q: text for q, text in getattr(options, key).items() if q in sum(quantities, ())}
+        for key in ("columns", "units", "scales", "origins")
+    }
     try:
-        blank = read_test(path, ("displacement", "thickness"), ("force",))
+        blank = read_test(path, *quantities, options=ReadOptions(**own))
     except DataError as error:
         raise InvalidParameter(f"frame: {error}") from None
     x = -blank.x if blank.compression == "thickness" else blank.x

@@ -1,9 +1,12 @@
 """The contact law with memory over random histories: bounds, passivity, memory, slopes."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
 import feltmb
 from feltmb import _core
@@ -302,3 +305,57 @@ def test_creep_and_rate_term_close_the_ledger():
     )
     run = feltmb.simulate(action, "forte", rtol=1e-8)
     assert run.energy["residual_relative"] < 1e-6
+
+
+def by_its_equations(ends, kappa, K, p, s):
+    """Compression, force and stored energy along F_L = K e^p, rho = x^s, by an ODE of z alone."""
+
+    def area(m):
+        return K * m ** (p + 1) * (1.0 / (p + 1) - 1.0 / (p + 1 + s))
+
+    def band(e, m):
+        e = np.maximum(e, 0.0)
+        return K * e**p * (1.0 - (e / m) ** s)
+
+    largest, z, rows = 0.0, 0.0, []
+    for start, end in pairwise(ends):
+        inside = [start, *([largest] if start < largest < end else []), end]
+        for a, b in pairwise(inside):
+            e, virgin = np.linspace(a, b, 400), b > a >= largest
+            zs = np.zeros_like(e)
+            if largest > 0.0 and virgin:
+                rate = lambda x, y: -y * (p + 1) / (kappa * x)  # noqa: E731  # W'/W = (p + 1)/e_m
+            elif largest > 0.0:
+                target, m = float(b > a), largest
+                sign = 1.0 if b > a else -1.0
+                rate = lambda x, y, g=target, m=m, sign=sign: (  # noqa: E731
+                    sign * band(x, m) / (kappa * area(m)) * (g - y)
+                )
+            if largest > 0.0:
+                zs = solve_ivp(rate, (a, b), [z], t_eval=e, rtol=1e-9, atol=1e-12).y[0]
+            z, m = float(zs[-1]), np.maximum(e, largest) if virgin else np.full(e.size, largest)
+            held, inner = np.maximum(e, 0.0), band(e, np.maximum(m, 1e-30))
+            low = np.maximum(m, 1e-30) ** -s * K * held ** (p + 1 + s) / (p + 1 + s)
+            stored = 0.5 * (K * held ** (p + 1) / (p + 1) + low)
+            stored += 0.25 * kappa * area(m) * (2.0 * zs - 1.0) ** 2
+            rows.append(np.array([e, K * held**p - (1.0 - zs) * inner, stored]))
+            largest = float(m[-1])
+    return np.concatenate(rows, axis=1)
+
+
+@pytest.mark.parametrize("kappa", [0.1, 2.0])
+def test_an_independent_integration_of_the_equations(kappa):
+    """Loops below, up to, and beyond the largest compression; a touch at the beginning."""
+    K, p, s, end = 2e8, 2.3, 1.3, 1.2e-3
+    random = np.random.default_rng(3)
+    ends = [0.0, 2e-6, 0.0, 0.5, 0.2, 0.5, 0.6, 0.0, 0.599, 0.1, 0.8, -0.1, 0.85, 0.3, 1.0, 0.0]
+    ends += [*random.uniform(0.0, 1.0, 8), 0.0]
+    e, force, stored = by_its_equations(1e-3 * np.array(ends), kappa, K, p, s)
+    grid = end * np.linspace(0.0, 1.0, 1501) ** 2
+    felt = law(
+        "felt_memory", kappa=kappa, envelope=(grid, K * grid**p, K * grid**p * (grid / end) ** s)
+    )
+    assert felt.path(e, np.arange(e.size)) == pytest.approx(force, abs=2e-6 * force.max())
+    work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(e))
+    lost = np.diff(work - stored[1:], prepend=0.0)
+    assert lost.min() > -1e-6 * work.max()  # of the quadrature

@@ -21,7 +21,7 @@ def load(name):
     return module
 
 
-@pytest.mark.parametrize("engine", ["exudyn", "mujoco"])
+@pytest.mark.parametrize("engine", ["exudyn", "mujoco", "pybullet"])
 def test_a_blow_on_felt_has_the_numbers_of_its_energy_balance(engine):
     pytest.importorskip(engine, reason=f"{engine} is not installed: its example was not run")
     example = load(f"felt_in_{engine}")

@@ -55,6 +55,18 @@ def test_an_exponential_has_no_thickness_by_van_wyk():
     found = fit_law(Specimen("cotton", e, 1e-3 * np.expm1(8e3 * e), zero=0.0), "van_wyk")
     assert "thickness" in found.undetermined
     assert any("end of its range" in text for text in found.warnings)
+    third = fit_law(Specimen("cotton", e, 1e-3 * np.expm1(8e3 * e), zero=0.0), "van_wyk_3")
+    assert any("van_wyk_3 does not follow the test" in text for text in third.warnings)
+
+
+@pytest.mark.parametrize("zero", [None, 0.0])
+def test_a_felt_is_not_compressed_by_more_than_its_thickness(zero):
+    e = np.linspace(0.0, TOP, 300)
+    test = Specimen("yarn", e, 1e-3 * np.expm1(8e3 * e), zero=zero)
+    for name in ("van_wyk", "van_wyk_3"):
+        with pytest.raises(DataError, match=r"compressed by .* and thickness = 0\.4 mm"):
+            fit_law(test, name, thickness=0.4e-3)
+    assert fit_law(test, "van_wyk_3", thickness=2.0 * TOP).values["thickness"] == 2.0 * TOP
 
 
 def test_specimens_are_pooled_with_the_scatter_between_them():

@@ -1,12 +1,15 @@
 """What a testing machine adds: the frame, the limit and the drift of the load cell, its speed."""
 
+import json
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from feltmb.cli.felt import command
-from feltmb.felt import measured_loop, read_measured_loop
+from feltmb.felt import measured_loop, read_measured_loop, read_specimen
 from feltmb.fiber import read_compression
+from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
 
 TOP, SLACK, SHARE = 1e-3, 0.35e-3, 1.6
@@ -135,3 +138,67 @@ def test_faults_of_a_frame_are_told(tmp_path):
         read_measured_loop(path, frame=-1e-6)
     result = CliRunner().invoke(command, ["contact", str(path), "--frame", "3N"])
     assert "--frame" in str(result.exception) or "--frame" in result.output
+
+
+RAW = {
+    "columns": {"displacement": "steps", "force": "counts", "time": "millis"},
+    "units": {"time": "ms"},
+    "scales": {"displacement": "5 um", "force": "28uN"},
+}
+
+
+def raw_files(folder, compliance):
+    """Steps and counts without units; the counts fall in compression. Their blank record."""
+    steps, count = 5e-6, 28e-6
+    x, force = loop(noise=0.0)
+    rows = np.column_stack([np.arange(x.size), (x + compliance * force) / steps, -force / count])
+    test, blank = folder / "rig.csv", folder / "blank.csv"
+    rows += [0.0, 0.0, -71350.0]
+    np.savetxt(test, rows, "%.6f", ",", header="millis,steps,counts", comments="")
+    loads = np.linspace(0.0, 30.0, 50)
+    rows = np.column_stack([compliance * loads / steps + 600.0, -loads / count])
+    np.savetxt(blank, rows, "%.6f", ",", header="steps,counts", comments="")
+    return test, blank
+
+
+def test_raw_readings_have_a_scale_and_the_blank_record_has_it_too(tmp_path):
+    test, blank = raw_files(tmp_path, 1e-5)
+    found = read_measured_loop(test, frame=blank, options=ReadOptions(**RAW))
+    assert found.loss == pytest.approx(LOSS, abs=2e-3)
+    assert found.envelope.closing == pytest.approx(TOP, rel=0.02)
+    assert found.cycles[0].speed == pytest.approx((TOP + SLACK) / 0.2, rel=0.05)
+    in_contact = ReadOptions(**RAW, origins={"force": "-71350"})
+    specimen = read_specimen(test, options=in_contact)
+    assert specimen.force[:50] == pytest.approx(np.zeros(50), abs=1e-6)
+    assert specimen.force.max() == pytest.approx(25.1, rel=5e-3)
+
+
+def test_raw_readings_on_the_command_line_and_in_a_file_of_their_own(tmp_path):
+    test, blank = raw_files(tmp_path, 1e-5)
+    told = ["--column", "displacement=steps,force=counts,time=millis", "--unit", "time=ms"]
+    told += ["--scale", "displacement=5um,force=28uN", "--frame", str(blank), "--json"]
+    by_options = CliRunner().invoke(command, ["contact", str(test), *told])
+    text = 'time = "millis"\ntime_unit = "ms"\n[outputs.displacement]\ncolumn = "steps"\n'
+    text += 'scale = "5um"\n[outputs.force]\ncolumn = "counts"\nscale = "28uN"\n'
+    test.with_suffix(".toml").write_text(text)
+    blank.with_suffix(".toml").write_text(text[text.index("[") :])
+    by_file = CliRunner().invoke(command, ["contact", str(test), "--frame", str(blank), "--json"])
+    assert json.loads(by_options.stdout) == json.loads(by_file.stdout)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"scales": {"force": "28uN"}}, r"steps states no unit; .*--scale displacement=SIZE"),
+        ({"scales": {"displacement": "5s", "force": "28uN"}}, "scale of displacement: unit 's'"),
+        ({"scales": {"displacement": "0", "force": "28uN"}}, "scale of displacement = 0"),
+        ({"origins": {"force": "start"}}, "origin of force: got 'start', expected a finite number"),
+        ({"origins": {"forse": "3"}}, "forse: is no quantity of a compression test"),
+        ({"columns": {**RAW["columns"], "time": "clock"}}, "no column 'clock' for time"),
+        ({"missing": (-9999.0,)}, "missing: is not used in a compression test"),
+    ],
+)
+def test_faults_of_raw_readings_are_told(tmp_path, changed, message):
+    test, _ = raw_files(tmp_path, 1e-5)
+    with pytest.raises(DataError, match=message):
+        read_measured_loop(test, options=ReadOptions(**{**RAW, **changed}))

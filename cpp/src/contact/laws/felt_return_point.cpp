@@ -17,24 +17,25 @@ const TurningPoints& turns_of(const LawMemory& memory) {
   return memory.turns != nullptr ? *memory.turns : none();
 }
 
-/// Eight nodes for each factor exp(2) of a power of G, at least the 24th: the ratio of the branches
-/// of D bends. Energies come back to 2e-7.
+/// Eight nodes for each factor exp(2) of a power of G. Energies take at least its 24th power, as
+/// the ratio of the branches of D bends, and come back to 2e-7; a power that is lost has 1e-5.
+constexpr double kOfEnergy = 24.0;
 const QuadratureRule& panel_rule() {
   static const QuadratureRule& rule = *new QuadratureRule(make_gauss_legendre(8));
   return rule;
 }
 
 /// Integral of D weight(G) between compressions within the cycle to e_m [J]: in the logarithm of
-/// the distance to e_m, where a power m of G is smooth.
+/// the distance to e_m, where a power of G is smooth.
 template <class Weight>
-double integrate_band(const Envelope& envelope, double low, double high, double largest, double m,
-                      Weight&& weight) {
+double integrate_band(const Envelope& envelope, double low, double high, double largest,
+                      double power, Weight&& weight) {
   const double near = std::max(largest - high, 1e-8 * largest);
   const double span = std::log((largest - low) / near);
   if (!(span > 0.0)) return 0.0;
   const CycleStart cycle = envelope.cycle_to(largest);
   const double whole = envelope.loading_energy(largest);
-  const double panels = std::clamp(std::ceil(std::max(m, 24.0) * span / 2.0), 1.0, 24.0);
+  const double panels = std::clamp(std::ceil(power * span / 2.0), 1.0, 24.0);
   double sum = 0.0;
   for (double i = 0.0; i < panels; i += 1.0) {
     sum += integrate_rule(
@@ -115,9 +116,10 @@ double FeltReturnPoint::band_energy(double e, double largest, const TurningPoint
   const TurningPoint& low = n % 2 == 1 ? turns[n - 1] : turns[n - 2];
   if (n % 2 == 1) top = {e, apart(e, largest), position(e, largest, turns, n).force, 0.0};
   const double m = 2.0 / kappa;
-  return low.below + integrate_band(*envelope, low.compression, e, largest, m, [&](double apart) {
-           return top.value - 1.0 + std::pow(top.apart / apart, m);
-         });
+  return low.below + integrate_band(*envelope, low.compression, e, largest, std::max(m, kOfEnergy),
+                                    [&](double apart) {
+                                      return top.value - 1.0 + std::pow(top.apart / apart, m);
+                                    });
 }
 
 double FeltReturnPoint::energy(double e, const LawMemory& memory) const {
@@ -140,7 +142,7 @@ double FeltReturnPoint::dissipated_power(double e, double rate, const LawMemory&
   const double g = apart(e, largest);
   if (g <= 0.0) return 0.0;
   const double least = std::pow(g / low.apart, m);
-  const double lost = integrate_band(*envelope, low.compression, e, largest, m,
+  const double lost = integrate_band(*envelope, low.compression, e, largest, 0.5 * m,
                                      [&](double apart) { return std::pow(g / apart, m) - least; });
   return rate * m * envelope->loading(e).force / g * lost;
 }
