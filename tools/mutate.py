@@ -24,7 +24,7 @@ import time
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from types import FrameType
+from types import CodeType, FrameType
 from typing import Any
 
 import numpy  # noqa: F401  # so that no fork imports it
@@ -135,14 +135,16 @@ class Calls:
     """A plugin of pytest: the functions of the package that each test calls, and its time."""
 
     def __init__(self) -> None:
-        self.now: set[str] = set()
+        self.now: set[CodeType] = set()
         self.tests: dict[str, dict[str, Any]] = {}
         self.shared: dict[str, set[str]] = defaultdict(set)
 
     def _trace(self, frame: FrameType, _event: str, _arg: Any) -> None:
-        code = frame.f_code
-        if code.co_filename.startswith(str(PACKAGE)):
-            self.now.add(f"{code.co_filename[len(str(PACKAGE)) + 1 :]}:{code.co_qualname}")
+        self.now.add(frame.f_code)
+
+    def _names(self) -> set[str]:
+        own = [(c, c.co_filename.removeprefix(f"{PACKAGE}{os.sep}")) for c in self.now]
+        return {f"{file}:{c.co_qualname}" for c, file in own if file != c.co_filename}
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_setup(self, item: pytest.Item) -> Iterator[None]:
@@ -153,7 +155,7 @@ class Calls:
             return (yield)
         finally:
             sys.settrace(None)
-            self.shared[item.nodeid.split("::")[0]] |= self.now
+            self.shared[item.nodeid.split("::")[0]] |= self._names()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
@@ -165,7 +167,7 @@ class Calls:
         finally:
             sys.settrace(None)
             spent = time.process_time() - began
-            self.tests[item.nodeid] = {"seconds": round(spent, 3), "calls": sorted(self.now)}
+            self.tests[item.nodeid] = {"seconds": round(spent, 3), "calls": sorted(self._names())}
 
 
 def tests_of_functions(folders: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, float]]:
