@@ -417,9 +417,9 @@ def _per_second(unit: str) -> str:
 # --------------------------------------------------------------------------- steps between samples
 
 
-#: Noncentralities: steps are small enough below the first; specified steps cause a warning above
-#: the second; the interpolation of an input is estimated above the third.
-FINE, NOISY, DETECTABLE = 1.0, 3.0, 1.0
+#: Noncentralities: steps are small enough below the first, and the interpolation of an input is
+#: estimated above it; specified steps cause a warning above the second.
+FINE, NOISY = 1.0, 3.0
 #: Smallest estimated noise of a channel, as a share of its motion [1].
 LEAST_NOISE = 1e-3
 #: Largest number of substeps.
@@ -457,7 +457,7 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
         straight, smooth = copy.copy(out), copy.copy(out)
         straight.hold, smooth.hold = "linear", "spline"
         out.hold = "linear"
-        if model.inputs and difference_in_noise(straight, smooth) > DETECTABLE:
+        if model.inputs and difference_in_noise(straight, smooth) > FINE:
             out.hold = "between"
             out.parameters = model.parameters + tuple(
                 Parameter(

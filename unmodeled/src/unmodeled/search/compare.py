@@ -225,9 +225,8 @@ def _not_finite(runs: Runs) -> Iterator[str]:
 # ----------------------------------------------------------------------- a model beside one record
 
 
-#: Longest delay that is tried, as a share of the record; share of the squared difference that a
-#: delay must take away [1].
-LONGEST, MOST = 0.25, 0.5
+#: Longest delay that is tried, as a share of the record [1].
+LONGEST = 0.25
 NO_DELAY = math.nan, math.nan
 
 #: Share of the record to which an unknown start is fitted; standard deviation, in scales of the

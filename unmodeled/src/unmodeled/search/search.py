@@ -17,6 +17,7 @@ from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 from unmodeled.search.evidence import Fitted, best_of, log_odds
 from unmodeled.search.fit import (
+    CONVERGED,
     POOR,
     RADIUS,
     Start,
@@ -49,8 +50,8 @@ from unmodeled.search.score import (
     scores,
 )
 
-#: Log evidence that a larger set must gain, and that a change must gain.
-WORTH, BETTER = 0.5, 0.1
+#: Log evidence that a larger set must gain; an exchange must gain what a fit may miss.
+WORTH = 0.5
 #: Shares of the limit of time after which the search and the fits of equivalents end; the rest is
 #: for the held-out records.
 SEARCH, ALIKE = 0.6, 0.7
@@ -457,7 +458,7 @@ def _climb(
             nearest = [s for s in scored(rest)[0][:3] if s.cause != out.cause]
             jobs = [(_with(rest, s), rest, (s,)) for s in nearest]
             fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
-            if fits and gain(best := best_of(problem, fits), now) > BETTER:
+            if fits and gain(best := best_of(problem, fits), now) > CONVERGED:
                 now, improved = best, True
                 break
     if now.members:

@@ -1,0 +1,27 @@
+"""The constants of the diagnosis are watched; ``tools/constants.py`` lists and proves them."""
+
+import ast
+import importlib.util
+import sys
+
+#: Number of numerics and decisions; a new one needs a reason, an old one goes.
+MOST = 145
+
+
+def test_constants_do_not_grow_and_each_has_a_kind(root, monkeypatch):
+    spec = importlib.util.spec_from_file_location("constants", root / "tools" / "constants.py")
+    tool = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, "constants", tool)
+    spec.loader.exec_module(tool)
+    found = [
+        c
+        for path in tool.sources()
+        for c in tool.constants(
+            ast.parse(path.read_text("utf-8")), path.relative_to(tool.PACKAGE).as_posix()
+        )
+    ]
+    known = {(c.file.removeprefix("unmodeled/"), c.name) for c in found}
+    for table in (tool.DEFINITIONS, tool.DECISIONS):
+        for file, names in table.items():
+            assert {(file, n) for n in names.split()} <= known
+    assert sum(c.kind != "definition" for c in found) <= MOST
