@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -377,6 +378,11 @@ def test_a_channel_without_values_is_not_compared():
     report = unmodeled.diagnose(model, [], blank, options=QUICK)
     assert report.verdict is unmodeled.Verdict.CALIBRATED
     assert {c.name for c in report.channels} == {"a", "b"}
+    empty = [replace(r, outputs={n: np.full(200, np.nan) for n in r.outputs}) for r in records]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # such as those of a mean of nothing
+        with pytest.raises(DataError, match="hold no number"):
+            unmodeled.check(model, empty)
 
 
 # ---------------------------------------------------------------- the command
@@ -481,14 +487,15 @@ def test_a_sensor_that_lags_in_every_record_is_told():
     for name, phase in (("one", 0.0), ("two", 1.0)):
         wave = np.sin(9.0 * t + phase)
         late = np.sin(9.0 * (t - 5e-3) + phase)
-        outputs = {"current": wave, "speed": late}
-        sensors = {n: Sensor(name=n, sigma=1e-3, unit="V") for n in outputs}
-        noise = np.random.default_rng(3).normal(0.0, 1e-3, (2, t.size))
+        outputs = {"current": 1e3 * wave, "speed": late}  # in mA beside V: residuals are shares
+        sensors = {n: Sensor(name=n, sigma=s, unit="V")
+                   for n, s in (("current", 1.0), ("speed", 1e-3))}  # fmt: skip
+        noise = np.random.default_rng(3).normal(0.0, 1e-3, (2, t.size)) * [[1e3], [1.0]]
         outputs = {n: y + e for (n, y), e in zip(outputs.items(), noise, strict=True)}
         records.append(Record(name=name, time=t, inputs={"u": wave}, sensors=sensors,
                               outputs=outputs))  # fmt: skip
     model = unmodeled.Simulator(
-        lambda time, inputs, parameters: {"current": inputs["u"], "speed": inputs["u"]},
+        lambda time, inputs, parameters: {"current": 1e3 * inputs["u"], "speed": inputs["u"]},
         inputs=("u",),
         outputs={"current": "V", "speed": "V"},
     )
@@ -496,6 +503,12 @@ def test_a_sensor_that_lags_in_every_record_is_told():
     assert hint.text == (
         "speed is 5 ms late in every record, and current is not: does its sensor lag, or its clock?"
     )
+    early = []
+    for r, phase in zip(records, (0.0, 1.0), strict=True):
+        speed = np.sin(9.0 * (t + 5e-3) + phase)
+        early.append(replace(r, outputs={**r.outputs, "speed": speed}))
+    (hint,) = check(model, early).hints
+    assert hint.text.endswith("5 ms early in every record, and current is not: is its clock ahead?")
 
 
 def test_check_says_what_comes_next(tmp_path, capsys):

@@ -527,3 +527,18 @@ def test_held_out_records_do_not_credit_causes_that_are_not_named(report):
     assert "shrinks by 20 % with drag, which is not needed" in bare.text().replace("\n", " ")
     none = replace(bare, held_out_gain=(1.0, 1.0, 1.0))
     assert "Where nothing was fitted" not in none.text()
+
+
+def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
+    gap = replace(
+        report.named[0], cause="dead zone gearbox", component="gearbox",
+        title="a dead zone gearbox", unit="N m/rad", magnitude=59.2, low=55.8, high=62.6, by_record=(), shape=(0.00705,),
+        shape_names=("half width [rad]",),
+    )  # fmt: skip
+    sets = (SetOfCauses(("dead zone gearbox",), 0.98, (0.011, 0.05), (59.2,)), *report.sets[-1:])
+    without = (Without("dead zone gearbox", (0.04, 0.06), (0.011, 0.05)),)
+    found = replace(report, named=(gap,), classes=(), sets=sets, without=without, changed=())
+    assert found.summary().startswith(
+        "The gearbox has a dead zone of ±0.00705 rad, where the stiffness of 59.2 N m/rad (55.8 to "
+        "62.6) does not act"
+    )

@@ -92,7 +92,8 @@ def _read_text(path: Path, *, numbered: bool) -> Columns:
         return tracked
     lines = lines.where(lambda line: not line.startswith("#"))
     if len(lines) < 3:
-        raise DataError(f"{path}: {len(lines)} lines, expected a header and at least 2 samples")
+        text = "1 line" if len(lines) == 1 else f"{len(lines)} lines"
+        raise DataError(f"{path}: {text}, expected a header and at least 2 samples")
     try:
         table = read_table(without_monitor(lines), tests=True)
         row = next(table.rows, (0, list[str]()))

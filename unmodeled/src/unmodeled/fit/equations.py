@@ -256,7 +256,12 @@ class Equations(Model):
                 for c in self.coordinates
                 if isinstance(c, Coordinate)
             ]
-            notes.append(f"coordinates, from the rates: {', '.join(listed)}")
+            between = (
+                "; what acts between two of them, such as the backlash of a gear, is tested where "
+                "coordinates= has a Coupling"
+            )
+            several = len(listed) > 1
+            notes.append(f"coordinates, from the rates: {', '.join(listed)}{between * several}")
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
         return Ready(out, tuple(records), tuple(notes))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from unmodeled.search.result import Change, Channel, Named, ParameterValue
 from unmodeled.units import readable_unit
 
@@ -133,6 +135,10 @@ def _clause(c: Change) -> str:
         what = c.title.removesuffix(c.component).strip().removesuffix(" of")
         if not what:  # a parameter of the user's function that is an effect
             return f"the effect {c.title} {has} a size of {size}"
+        if c.shape_names and c.shape_names[0].startswith("half width ["):
+            width = size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
+            zone = f"{_with_article(c.component)} {has} {what} of \N{PLUS-MINUS SIGN}{width}"
+            return f"{zone}, where the stiffness of {size} does not act"
         if len(c.component) == 1:  # a letter may stand for anything
             return f"{what} of {size} {acts} on {c.component}"
         return f"{_with_article(c.component)} {has} {what} of {size}"

@@ -95,7 +95,13 @@ def check(model: Model, records: Sequence[Record] | Record) -> Comparison:
 
 
 def _finite(model: Model, found: Comparison) -> Comparison:
-    """A comparison with a model that gives numbers."""
+    """A comparison of values with a model that gives numbers."""
+    if not any(np.isfinite(r.outputs[c.channel]).any() for r in found.records for c in found.rows
+               if c.record == r.name):  # fmt: skip
+        names = ", ".join(dict.fromkeys(c.channel for c in found.rows))
+        raise DataError(
+            f"{names}: the records hold no number, expected at least two in one of them"
+        )
     values = [y[1:] for run in found.simulated.values() for y in run.values()]
     if not found.hints and not any(np.isfinite(y).any() for y in values):
         raise InvalidParameter(

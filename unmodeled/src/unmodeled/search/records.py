@@ -332,7 +332,8 @@ def noise_of_channel(record: Record, name: str, pooled: float | None = None) -> 
         steps = np.diff(np.unique(known))
         steps = steps[steps > 1e-9 * most]
         # Too few values have no noise of their own: nothing smaller than their spread is known.
-        sigma = noise_of_record(known) if known.size >= LEAST_SAMPLES else float(np.std(known))
+        few = float(np.std(known)) if known.size else 0.0
+        sigma = noise_of_record(known) if known.size >= LEAST_SAMPLES else few
         sigma = max(sigma, rounding_error(float(steps.min()))) if steps.size else 0.0
     found = noise_of(sensor, sigma, sensor.quantum)
     return replace(found, sigma=max(found.sigma, 1e-9 * (most or 1.0)))
