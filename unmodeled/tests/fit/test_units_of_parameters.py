@@ -5,10 +5,11 @@ import pytest
 
 import unmodeled
 from unmodeled import Options, Record, Sensor
-from unmodeled.cli.models import Stated
+from unmodeled.cli.models import Stated, _prior
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import Effect, Exposed, Parameter
 from unmodeled.fit.model import prior_jobs
+from unmodeled.fit.priors import stated
 from unmodeled.loading import load_model
 
 TIME = np.linspace(0.0, 2.0, 60)
@@ -162,3 +163,13 @@ def test_an_effect_in_another_unit_than_its_parameter_is_refused():
     extra = Effect(name="extra mass", component="load", unit="g", scale=50.0, data="m")
     with pytest.raises(InvalidParameter, match=r"extra mass: is in g .*parameter m, .* in kg"):
         simulator([]).diagnose(records(), effects=[extra])
+
+
+def test_a_share_is_that_of_the_value_in_the_file():
+    def machine():
+        """Stands for an FMU, which states values and units."""
+
+    machine.values, machine.units = {"m": -2.0}, {"m": "kg"}
+    assert _prior("m", "±5%") == (None, 5.0, "%")
+    (parameter,) = stated(machine, {"m": _prior("m", "±5%")}, None, None, "machine").parameters
+    assert (parameter.value, parameter.sd, parameter.unit) == (-2.0, 0.1, "kg")

@@ -120,7 +120,7 @@ class Stated:
 
     parameter: tuple[str, ...] = option(
         "Fitted parameter of a function, an FMU or a MuJoCo model with its standard deviation, "
-        "such as mass=2kg±0.1kg or mass=2kg+-5%. Without VALUE: that of the file.",
+        "such as mass=2kg±0.1kg or mass=2kg+-5%. Without VALUE, as in mass=±5%: that of the file.",
         metavar="NAME=VALUE±SD",
     )
     unknown: tuple[str, ...] = option(
@@ -174,7 +174,7 @@ RUNNING = fields_of("unmodeled.cli.models:Running")
 
 
 def _prior(name: str, text: str) -> tuple[float | None, float, str]:
-    """Value, standard deviation and unit of ``2kg±0.1kg``, ``2 kg +- 5 %``, ``±0.1kg``."""
+    """Value, standard deviation and unit of ``2kg±0.1kg``, ``2 kg +- 5 %``, ``±0.1kg``, ``±5%``."""
     from unmodeled.units import number_and_unit, to_si
 
     whole, mark, spread = re.sub(r"\+/?-", "±", text).partition("±")
@@ -182,7 +182,7 @@ def _prior(name: str, text: str) -> tuple[float | None, float, str]:
     unit = (value or deviation or (0.0, ""))[1]
     share = deviation is not None and deviation[1] == "%" and (value is None or unit != "%")
     # Without a value, a standard deviation with a unit must be there.
-    missing = value is None and (bool(whole.strip()) or share or not mark)
+    missing = value is None and (bool(whole.strip()) or not mark)
     try:
         to_si(unit or "1")
         size = _spread(value, deviation, unit, share=share)
@@ -202,7 +202,7 @@ def _spread(
     """Standard deviation in the unit of the value; without one infinite."""
     from unmodeled.units import conversion_factor
 
-    if deviation is None or (share and value is None):
+    if deviation is None:
         return math.inf
     if share and value is not None:
         return 0.01 * deviation[0] * abs(value[0])

@@ -184,11 +184,13 @@ class _Reader:
     def parameter(self, name: str, prior: Any) -> Parameter:
         """A parameter: ``(value, sd, unit)``, ``(value, sd)``, or a value without a prior.
 
-        A value None is that of the function.
+        A value None is that of the function, of which a standard deviation in % is a share.
         """
         parts = [*prior] if isinstance(prior, list | tuple) else [prior]
         unit = parts[2] if len(parts) == 3 else "1"
         own = self._values.get(name) if parts and parts[0] is None else None
+        if own and unit == "%" and self._units.get(name) != "%" and _numbers(parts[1:2]):
+            parts, unit = [None, 0.01 * parts[1] * abs(own)], "1"
         numbers = [*parts[:2]] if own is None else [own, *parts[1:2]]
         if not 1 <= len(parts) <= 3 or not _numbers(numbers) or not isinstance(unit, str):
             raise InvalidParameter(
