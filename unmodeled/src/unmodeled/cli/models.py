@@ -120,7 +120,7 @@ class Stated:
 
     parameter: tuple[str, ...] = option(
         "Fitted parameter of a function, an FMU or a MuJoCo model with its standard deviation, "
-        "such as mass=2kg±0.1kg or mass=2kg+-5%. Without VALUE: that of the file.",
+        "such as mass=2kg±0.1kg or mass=2kg+-5%. Without VALUE, as in mass=±5%: that of the file.",
         metavar="NAME=VALUE±SD",
     )
     unknown: tuple[str, ...] = option(
@@ -174,7 +174,7 @@ RUNNING = fields_of("unmodeled.cli.models:Running")
 
 
 def _prior(name: str, text: str) -> tuple[float | None, float, str]:
-    """Value, standard deviation and unit of ``2kg±0.1kg``, ``2 kg +- 5 %``, ``±0.1kg``."""
+    """Value, standard deviation and unit of ``2kg±0.1kg``, ``2 kg +- 5 %``, ``±0.1kg``, ``±5%``."""
     from unmodeled.units import number_and_unit, to_si
 
     whole, mark, spread = re.sub(r"\+/?-", "±", text).partition("±")

@@ -186,7 +186,7 @@ class _Reader:
     def parameter(self, name: str, prior: Any) -> Parameter:
         """A parameter: ``(value, sd, unit)``, ``(value, sd)``, or a value without a prior.
 
-        A value None is that of the function.
+        A value None is that of the function, of which a standard deviation in % is a share.
         """
         parts = [*prior] if isinstance(prior, list | tuple) else [prior]
         unit = parts[2] if len(parts) == 3 else "1"
