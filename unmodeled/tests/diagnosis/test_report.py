@@ -532,7 +532,8 @@ def test_held_out_records_do_not_credit_causes_that_are_not_named(report):
 def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
     gap = replace(
         report.named[0], cause="dead zone gearbox", component="gearbox",
-        title="a dead zone gearbox", unit="N m/rad", magnitude=59.2, low=55.8, high=62.6, by_record=(), shape=(0.00705,),
+        title="a dead zone gearbox", unit="N m/rad", magnitude=59.2, low=55.8, high=62.6,
+        by_record=(), shape=(0.00705,),
         shape_names=("half width [rad]",),
     )  # fmt: skip
     sets = (SetOfCauses(("dead zone gearbox",), 0.98, (0.011, 0.05), (59.2,)), *report.sets[-1:])
