@@ -207,7 +207,9 @@ def test_an_effect_that_fails_below_zero_has_a_sign():
 
 
 def test_the_diagnosis_of_a_function_names_its_unknown_parameter():
-    report = simulator().diagnose(records(), options=Options(max_effects=1), exclude=["input force"])
+    report = simulator().diagnose(
+        records(), options=Options(max_effects=1), exclude=["input force"]
+    )
     (named,) = report.named
     assert named.cause == "gap"
     assert abs(named.magnitude) == pytest.approx(0.3, rel=0.02)
