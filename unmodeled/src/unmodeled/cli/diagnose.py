@@ -95,7 +95,7 @@ def run(
         seconds=SECONDS,
     ),
     good_enough: tuple[str, ...] = option(
-        "Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm; default: 1 % of the "
+        "Difference that does not matter, such as 0.2mm or tip.x=0.1mm; default: 1 % of the "
         "motion.",
         metavar="[CHANNEL=]SIZE",
     ),
