@@ -182,7 +182,7 @@ class Study:
     @cached_property
     def problem(self) -> Problem:
         """Model and causes without records."""
-        causes = causes_of(self.model, self.effects, OPTIONS.missing)
+        causes = causes_of(self.model, self.effects, OPTIONS.prior)
         same = tuple(as_parameter(self.model, c) for c in causes)
         return Problem(self.model, same, (), (), ())
 
