@@ -53,7 +53,7 @@ from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from unmodeled import Explained, Options, Report
-    from unmodeled.cli.models import Running, Stated
+    from unmodeled.cli.models import Running, StatedOptions
     from unmodeled.data import ReadOptions
     from unmodeled.loading import LoadedModel
     from unmodeled.search.result import Case
@@ -79,7 +79,7 @@ def run(
         "remedy: the numbers (TOML), a MuJoCo model (XML).",
         metavar="NAME",
     ),
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     exclude: tuple[str, ...] = EXCLUDE,
     include: tuple[str, ...] = option(
         "Effect of the library that is added to the model before the diagnosis, with its magnitude "
@@ -240,7 +240,7 @@ def fit(
     out: Path | None = option("Folder for fit.json.", FolderName(), metavar="DIRECTORY"),
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     running: Running = RUNNING,
     force: bool = FORCE,
     *,
@@ -354,7 +354,7 @@ def blind(
     options: Options = fields_of(
         "unmodeled.search.options:Options", credibility=CREDIBILITY, seconds=SECONDS
     ),
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     exclude: tuple[str, ...] = EXCLUDE,
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,

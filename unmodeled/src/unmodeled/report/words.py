@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from unmodeled.search.result import Change, Channel, Named, ParameterValue
+from unmodeled.search.result import Change, Channel, NamedCause, ParameterValue
 from unmodeled.units import readable_unit
 
 #: Shares of a turn as words.
@@ -37,9 +37,9 @@ def scale(low: float, high: float, unit: str, *, relative: bool = False) -> tupl
     return factor, "" if name == "1" else f" {name}"
 
 
-def interval(x: Named | ParameterValue) -> str:
+def interval(x: NamedCause | ParameterValue) -> str:
     """Value with its unit and 95 % interval."""
-    value = x.magnitude if isinstance(x, Named) else x.value
+    value = x.magnitude if isinstance(x, NamedCause) else x.value
     relative = isinstance(x, ParameterValue) and x.relative
     return "{}{} ({} to {})".format(*_numbers(value, x.low, x.high, x.unit, relative=relative))
 

@@ -302,7 +302,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 #: Fault by its type in pydantic: ``got`` is the input, ``ctx`` the numbers of the limit.
-_FAULTS = {
+_TEXTS_OF_FAULTS = {
     "number_or_text": "got {got}, expected a finite number or a text",
     "literal_error": "got {got}, expected {ctx[expected]}",
     "value_error": "{ctx[error]}",
@@ -328,9 +328,9 @@ def _text_of_fault(
         hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
         return "unknown key" + (hint if known else "")
     got = _plain_input(item.get("input"))
-    if kind not in _FAULTS:
+    if kind not in _TEXTS_OF_FAULTS:
         return f"got {got}: {item['msg'].lower()}"
-    text = _FAULTS[kind].format(got=got, ctx=item.get("ctx", {}))
+    text = _TEXTS_OF_FAULTS[kind].format(got=got, ctx=item.get("ctx", {}))
     if kind in ("list_type", "tuple_type") and "{" in got:
         text += f"; hint: [[{where}]] in place of [{where}]"
     return text
