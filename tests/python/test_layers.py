@@ -14,7 +14,7 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 GROUND = "errors units arguments lazy files figure style tables chain"
-MODEL = "errors _core params fiber contact mechanism display"
+MODEL = "errors _core params quantities fiber contact mechanism display"
 RUN = f"{MODEL} run"
 
 # part -> the parts that it may use. C++ parts are folders, Python parts are modules of the package.
@@ -72,9 +72,10 @@ MAY_USE = {
         "display": "",
         "_core": "",
         "params": "",
-        "fiber": "_core params",
-        "contact": "_core fiber",
-        "mechanism": "_core params fiber contact display",
+        "quantities": "",
+        "fiber": "_core params quantities",
+        "contact": "_core quantities fiber",
+        "mechanism": "_core params quantities fiber contact display",
         "felt": RUN,
         "run": MODEL,
         "adapters": RUN,

@@ -184,9 +184,8 @@ def models_in(annotation: Any) -> bool:
 def unit_of(marks: list[Any]) -> list[str]:
     """SI units that a field accepts."""
     for mark in marks:
-        unit = getattr(mark, "si_unit", None)
-        if isinstance(unit, str):
-            return ["-" if unit == "1" else unit]
+        if units := getattr(mark, "units", ()):
+            return ["-" if unit == "1" else unit for unit in dict.fromkeys(units)]
         if isinstance(mark, BeforeValidator):
             try:  # a field with several dimensions describes which one applies
                 mark.func({"value": 1.0, "unit": "Pa"})  # type: ignore[call-arg]

@@ -20,9 +20,10 @@ from pydantic import AfterValidator, Field
 
 from feltmb.mechanism import Body, FrictionParameters, MechanismFile, Spring
 from feltmb.mechanism.numbers import read_entry, replace_entry
+from feltmb.quantities import SI, SIVector
 from unmodeled.chain import fault_of
 from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import SI, Schema, SIVector
+from unmodeled.units.quantity import Schema
 
 __all__ = [
     "Change",

@@ -21,10 +21,11 @@ from feltmb import params
 from feltmb.adapters.changes import Change, Entry, EntryKeys
 from feltmb.mechanism import Action, Body, Contact, Curve, MechanismFile
 from feltmb.mechanism.numbers import read_entry
+from feltmb.quantities import SI
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.files import MOST_EXTENDS, read_toml
-from unmodeled.units.quantity import SI, Schema, fault_text, parse_scalar, validated
+from unmodeled.units.quantity import Schema, fault_text, parse_scalar, validated
 
 Each = Literal[
     "",

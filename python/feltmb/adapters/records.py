@@ -16,7 +16,7 @@ from unmodeled.data import Array, Record, Sensor
 from unmodeled.data.records import NOT_OF_INPUTS
 from unmodeled.data.smoothing import (
     LEAST_SAMPLES,
-    NEAR,
+    REST_NOISE,
     WINDOW,
     noise_of_record,
     smooth_record,
@@ -342,8 +342,8 @@ class _Start:
         white = noise_of_record(known) if sensor.sigma is None else sensor.sigma
         sigma = math.hypot(white, rounding_error(sensor.quantum))
         start = start_of(values, sigma)
-        near = max(NEAR * sigma, ROUNDED * abs(rest))
-        still = max(NEAR * sigma, ROUNDED * float(np.max(np.abs(known), initial=0.0)))
+        near = max(REST_NOISE * sigma, ROUNDED * abs(rest))
+        still = max(REST_NOISE * sigma, ROUNDED * float(np.max(np.abs(known), initial=0.0)))
         at_zero, at_rest = abs(start) <= still, abs(start - rest) <= near
         kind = "rest" if at_zero or not math.isfinite(start) else "absolute" if at_rest else ""
         if at_zero and at_rest:

@@ -233,7 +233,7 @@ _SPRING = (
 
 def _springs(config: Any, units: Mapping[str, str]) -> Iterator[tuple[str, ...]]:
     from feltmb.mechanism import Spring
-    from unmodeled.units.quantity import unit_of
+    from feltmb.quantities import unit_of
 
     for name, spring in config.springs.items():
         joint = "prismatic" if units[spring.coordinate] == "m" else "revolute"

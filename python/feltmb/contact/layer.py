@@ -17,9 +17,10 @@ from pydantic import BeforeValidator, Field, ValidationError
 from feltmb import _core
 from feltmb.contact.tables import CORE_LAWS, with_fields
 from feltmb.fiber.material import FeltMaterial, load_material
+from feltmb.quantities import SI
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import SI, Schema, fault_lines
+from unmodeled.units.quantity import Schema, fault_lines
 
 Array = NDArray[np.float64]
 Compression = Literal["even", "columns"]

@@ -14,9 +14,10 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import BaseModel, BeforeValidator, Field, create_model, model_validator
 
 from feltmb import _core
+from feltmb.quantities import SI, Count, JointSI
 from unmodeled.errors import InvalidParameter
 from unmodeled.units import conversion_factor, number_and_unit
-from unmodeled.units.quantity import META_KEYS, SI, Count, JointSI, Schema, parse_scalar
+from unmodeled.units.quantity import META_KEYS, Schema, parse_scalar
 
 Model = TypeVar("Model", bound=BaseModel)
 Struct = TypeVar("Struct")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,7 +154,7 @@ def _by_blank(path: Path, force: Array, options: ReadOptions) -> Array:
     from scipy.optimize import isotonic_regression
 
     quantities = ("displacement", "thickness"), ("force",)
-    own = {
+    own: dict[str, Any] = {
         key: {q: text for q, text in getattr(options, key).items() if q in sum(quantities, ())}
         for key in ("columns", "units", "scales", "origins")
     }

@@ -17,10 +17,11 @@ from feltmb import _core as _all
 from feltmb import params
 from feltmb._core import fiber as _core
 from feltmb.fiber.ranges import unusual
+from feltmb.quantities import SI
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import read_toml
-from unmodeled.units.quantity import SI, Schema, is_quantity, validated
+from unmodeled.units.quantity import Schema, is_quantity, validated
 
 Array = NDArray[np.float64]
 BranchName = Literal["loading", "unloading"]

@@ -16,12 +16,13 @@ from feltmb import params
 from feltmb.action.touch.static import roles_of
 from feltmb.keyboard.gestures import Press, gesture, run_all, truth_of
 from feltmb.mechanism import Action
+from feltmb.quantities import SI
 from feltmb.run.simulate import simulate
 from feltmb.run.stroke import ramp_stroke
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import read_toml
-from unmodeled.units.quantity import SI, Schema, validated
+from unmodeled.units.quantity import Schema, validated
 
 if TYPE_CHECKING:
     import numpy.typing as npt

@@ -19,8 +19,9 @@ from feltmb.mechanism.values import (
     split_operator,
     unit_in_file,
 )
+from feltmb.quantities import unit_of
 from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import shortened, unit_of
+from unmodeled.units.quantity import shortened
 
 #: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})

@@ -11,12 +11,8 @@ from pydantic import AfterValidator, BeforeValidator, Field
 from feltmb import _core
 from feltmb.contact.layer import LayerParameters
 from feltmb.contact.tables import to_core, with_fields, with_laws, with_numbers
-from unmodeled.units.quantity import (
-    SI,
-    Schema,
-    SIVector,
-    parse_scalar,
-)
+from feltmb.quantities import SI, SIVector
+from unmodeled.units.quantity import Schema, parse_scalar
 
 
 def _drop_meta(node: object) -> object:

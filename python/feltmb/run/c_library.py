@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from functools import partial
 from pathlib import Path
 
 from feltmb import _core
@@ -58,7 +59,11 @@ def export_felt_c(
             "package anew"
         )
     made = make_folder(Path(folder))
-    write_file(made / "felt.txt", lambda path: path.write_text(text), force=force)
+
+    def write_text(path: Path) -> None:
+        path.write_text(text)
+
+    write_file(made / "felt.txt", write_text, force=force)
     for source in (header, library):
-        write_file(made / source.name, lambda path, s=source: shutil.copyfile(s, path), force=force)
+        write_file(made / source.name, partial(shutil.copyfile, source), force=force)
     return made / library.name

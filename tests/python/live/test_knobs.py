@@ -8,7 +8,14 @@ from feltmb.live.measured import Uploads, diagnosis_message, knob_of, tint_of
 from feltmb.live.states import MOST_KNOTS, Asked, Playing
 from unmodeled import Effect, Report, Verdict
 from unmodeled.errors import InvalidParameter
-from unmodeled.search.result import Channel, Named, ParameterValue, Result, SetOfCauses, Without
+from unmodeled.search.result import (
+    Channel,
+    NamedCause,
+    ParameterValue,
+    Result,
+    SetOfCauses,
+    Without,
+)
 
 
 @pytest.fixture(scope="module")
@@ -83,9 +90,11 @@ def test_what_a_diagnosis_names_is_a_knob(bench):
 
 def test_what_a_diagnosis_tells_has_knobs_changes_and_colors(bench):
     channel = Channel("tip", "m", 1e-5, 1e-2, 4e-3, 2e-3, 1e-3)
-    named = Named("felt.06", "contact 06, hammer - string", "1", 0.4, 0.3, 0.5, 0.97,
+    named = NamedCause("felt.06", "contact 06, hammer - string", "1", 0.4, 0.3, 0.5, 0.97,
                   parameter=True, changes="felt.06", remedy="Needle it.")  # fmt: skip
-    one, other = (Named(n, "input", "s", 1e-3, 1e-4, 2e-3, 0.5) for n in ("input_delay", "lag"))
+    one, other = (
+        NamedCause(n, "input", "s", 1e-3, 1e-4, 2e-3, 0.5) for n in ("input_delay", "lag")
+    )
     values = (
         ParameterValue("capstan_height", "the capstan", "m", 0.0, 2e-4, -4e-4, -7e-4, -1e-4),
         ParameterValue("let_off_button", "The let-off button", "m", 0.0, 2e-4, 8e-4, 7e-4, 9e-4),

@@ -17,7 +17,7 @@ from unmodeled.search.result import (
     Cell,
     Channel,
     Event,
-    Named,
+    NamedCause,
     ParameterValue,
     Place,
     Reason,
@@ -32,14 +32,14 @@ NAN = float("nan")
 @pytest.fixture
 def report():
     """A report of an arm with dry friction and a class, made by hand."""
-    friction = Named(
+    friction = NamedCause(
         "dry friction", "arm joint", "N m", 0.0213, 0.0195, 0.0231, 0.98,
         by_record=(0.0211, 0.0216), mechanism="A constant torque acts against the motion.",
         remedy="Clean the joint.", shape=(0.01,), shape_names=("threshold speed [rad/s]",),
     )  # fmt: skip
-    delay = Named("delay of sensor angle", "sensor angle", "s", 0.0021, 0.0015, 0.0027, 0.6,
+    delay = NamedCause("delay of sensor angle", "sensor angle", "s", 0.0021, 0.0015, 0.0027, 0.6,
                   kind="sensor")  # fmt: skip
-    mass = Named("J", "arm", "kg m^2", 0.025, 0.024, 0.026, 0.4, parameter=True, changes="J",
+    mass = NamedCause("J", "arm", "kg m^2", 0.025, 0.024, 0.026, 0.4, parameter=True, changes="J",
                  kind="parameter")  # fmt: skip
     damping = ParameterValue("c", "The damping", "N m s/rad", 0.01, 0.004, 0.012, 0.0115, 0.0125)
     time = np.linspace(0.0, 1.0, 11)
@@ -381,7 +381,7 @@ def test_parameters_are_changes_within_or_outside_their_tolerance(report):
     small = parameters_that_changed(report, (near,), left=0.0115)
     assert small.changes == ()
     assert "No cause that matters is missing" in small.summary()
-    named = Named("m", "arm", "kg", 1.017, 1.015, 1.019, 0.99, parameter=True, changes="m")
+    named = NamedCause("m", "arm", "kg", 1.017, 1.015, 1.019, 0.99, parameter=True, changes="m")
     once = replace(found, verdict=Verdict.NAMED, named=(named,))
     assert [(c.name, c.tier) for c in once.changes] == [("m", "named"), ("f", "fitted")]
 

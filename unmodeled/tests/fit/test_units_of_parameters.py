@@ -5,7 +5,7 @@ import pytest
 
 import unmodeled
 from unmodeled import Options, Record, Sensor
-from unmodeled.cli.models import Stated
+from unmodeled.cli.models import StatedOptions
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import Effect, Exposed, Parameter
 from unmodeled.fit.model import prior_jobs
@@ -139,7 +139,7 @@ def test_the_command_line_and_python_give_the_function_the_same(tmp_path):
         "def pounds(time, inputs, parameters):\n    return load(time, inputs, parameters)\n"
         "pounds.units = {'m': 'lb'}\n"
     )
-    stated = Stated(("m=4.41lb±0.2lb",), ("extra=50g",))
+    stated = StatedOptions(("m=4.41lb±0.2lb",), ("extra=50g",))
     given = {"parameters": stated.parameters, "unknown": stated.causes}
     model = load_model(f"{path}:load", **given).model
     own = simulator([], parameters={"m": (4.41, 0.2, "lb")}, unknown={"extra": (0, 50, "g")})
@@ -193,7 +193,7 @@ def test_a_share_is_that_of_the_value_of_the_file():
         return {"y": inputs["u"]}
 
     rig.units, rig.values = {"bulk": "Pa", "ratio": "%"}, {"bulk": 9e8, "ratio": 40.0}
-    stated = Stated(("bulk=±10%", "ratio=±2%")).parameters
+    stated = StatedOptions(("bulk=±10%", "ratio=±2%")).parameters
     bulk, ratio = unmodeled.Simulator(rig, parameters=stated).parameters
     assert (bulk.value, bulk.unit) == (9e8, "Pa")
     assert bulk.sd == pytest.approx(9e7)

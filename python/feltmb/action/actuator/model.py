@@ -31,13 +31,14 @@ from feltmb.mechanism import (
     plain_data,
     spread_laws,
 )
+from feltmb.quantities import SI
 from feltmb.run.stroke import Stroke, table_stroke, torque_stroke
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, no_such
 from unmodeled.files import write_file
 from unmodeled.files.netcdf import Variable, encode
 from unmodeled.units import conversion_factor
-from unmodeled.units.quantity import SI, Schema, fault_lines, fault_text, shortened
+from unmodeled.units.quantity import Schema, fault_lines, fault_text, shortened
 
 if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from feltmb import params
+from feltmb.quantities import SI
 from feltmb.run.stroke.strokes import (
     PRESCRIBED,
     UNITS,
@@ -26,7 +27,7 @@ from unmodeled.arguments import checked
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.files import read_toml
 from unmodeled.units import conversion_factor
-from unmodeled.units.quantity import SI, Schema, fault_lines, fault_text
+from unmodeled.units.quantity import Schema, fault_lines, fault_text
 
 
 class _Ramp(Schema):

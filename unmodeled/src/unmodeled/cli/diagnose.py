@@ -53,7 +53,7 @@ from unmodeled.errors import InvalidParameter
 
 if TYPE_CHECKING:
     from unmodeled import Explained, Options, Report
-    from unmodeled.cli.models import Running, Stated
+    from unmodeled.cli.models import Running, StatedOptions
     from unmodeled.data import ReadOptions
     from unmodeled.loading import LoadedModel
     from unmodeled.search.result import Case
@@ -79,7 +79,7 @@ def run(
         "remedy: the numbers (TOML), a MuJoCo model (XML).",
         metavar="NAME",
     ),
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     exclude: tuple[str, ...] = EXCLUDE,
     include: tuple[str, ...] = option(
         "Effect of the library that is added to the model before the diagnosis, with its magnitude "
@@ -95,7 +95,7 @@ def run(
         seconds=SECONDS,
     ),
     good_enough: tuple[str, ...] = option(
-        "Difference that does not matter, such as 0.2mm or hammer_tip.x=0.1mm; default: 1 % of the "
+        "Difference that does not matter, such as 0.2mm or tip.x=0.1mm; default: 1 % of the "
         "motion.",
         metavar="[CHANNEL=]SIZE",
     ),
@@ -240,7 +240,7 @@ def fit(
     out: Path | None = option("Folder for fit.json.", FolderName(), metavar="DIRECTORY"),
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     running: Running = RUNNING,
     force: bool = FORCE,
     *,
@@ -354,7 +354,7 @@ def blind(
     options: Options = fields_of(
         "unmodeled.search.options:Options", credibility=CREDIBILITY, seconds=SECONDS
     ),
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     exclude: tuple[str, ...] = EXCLUDE,
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,

@@ -115,7 +115,7 @@ READING = fields_of(
 
 
 @dataclass(frozen=True)
-class Stated:
+class StatedOptions:
     """Parameters of a model and effects that are its parameters, from the command line."""
 
     parameter: tuple[str, ...] = option(
@@ -142,7 +142,7 @@ class Stated:
         return {name: _unknown(name, text) for name, text in given.items()}
 
 
-STATED = fields_of("unmodeled.cli.models:Stated")
+STATED = fields_of("unmodeled.cli.models:StatedOptions")
 
 
 @dataclass(frozen=True)
@@ -272,10 +272,10 @@ def load_named(
     name: str,
     settings: Sequence[str] = (),
     channels: Sequence[str] = (),
-    stated: Stated | None = None,
+    stated: StatedOptions | None = None,
 ) -> LoadedModel:
     """Model of the command line, see :func:`unmodeled.loading.load_model`."""
-    stated = stated or Stated((), ())
+    stated = stated or StatedOptions((), ())
     return load_model(
         name,
         pairs("--set", settings, "PATH=VALUE"),

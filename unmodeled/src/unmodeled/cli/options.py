@@ -283,7 +283,7 @@ def pairs(
 
 
 @dataclass(frozen=True)
-class Given:
+class Declaration:
     """What the command line knows of a parameter: its words, type, help."""
 
     words: str
@@ -343,12 +343,14 @@ def option(
         Other attributes for click.
     """
     attributes |= {"help": text, "type": type, "default": default, "metavar": metavar}
-    return Given(words, attributes | {"shell_complete": complete, "show_default": show})
+    return Declaration(words, attributes | {"shell_complete": complete, "show_default": show})
 
 
 def argument(type: Any = None, *, complete: Any = None, **attributes: Any) -> Any:
     """One argument, as the default of a parameter."""
-    return Given("", attributes | {"type": type, "shell_complete": complete}, is_argument=True)
+    return Declaration(
+        "", attributes | {"type": type, "shell_complete": complete}, is_argument=True
+    )
 
 
 @dataclass(frozen=True)
@@ -371,7 +373,7 @@ class Fields:
         """Fields that are options, what is changed, and the names of the values of the options."""
         for f in dataclasses.fields(self.target):
             changes = dict(self.changes.get(f.name, {}))
-            if isinstance(f.default, Given):
+            if isinstance(f.default, Declaration):
                 changes["words"] = f.default.words
             elif f.name not in self.changes:
                 continue
@@ -384,7 +386,7 @@ class Fields:
         """The options of click."""
         texts = _texts(self.target)
         for f, changes, name in self.parts():
-            if isinstance(f.default, Given):
+            if isinstance(f.default, Declaration):
                 made = replace(f.default, words=f.default.words or f"--{f.name.replace('_', '-')}")
                 yield made.made(name, str(f.type))
             else:
@@ -400,7 +402,7 @@ class Fields:
                 value = convert(value)
             elif f.type == "bool" and f.default is True:
                 value = not value
-            if value is not None or isinstance(f.default, Given):
+            if value is not None or isinstance(f.default, Declaration):
                 values[f.name] = value
         return self.target(**values)
 
@@ -441,7 +443,7 @@ def _field_option(
     changes.setdefault("type", known.get(kind))
     changes.setdefault("words", f"--{f.name.replace('_', '-')}")
     text = changes.pop("text", text.replace(" [1]", ""))
-    made: Given = option(text, **changes)
+    made: Declaration = option(text, **changes)
     return made.made(name, "tuple[str, ...]" if listed else kind)
 
 
@@ -493,7 +495,7 @@ class _Declared:
                 spec = part.default
                 if isinstance(spec, Fields):
                     self._made += spec.made()
-                elif isinstance(spec, Given):
+                elif isinstance(spec, Declaration):
                     self._made.append(spec.made(name, str(part.annotation)))
             self._made += [make() for make in (as_json_option, *self._more)]
         return self._made

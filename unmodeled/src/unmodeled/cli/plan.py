@@ -28,7 +28,7 @@ from unmodeled.cli.screen import Line, print_json, say, show
 from unmodeled.units import readable_unit, unit_suffix
 
 if TYPE_CHECKING:
-    from unmodeled.cli.models import Stated
+    from unmodeled.cli.models import StatedOptions
     from unmodeled.data import ReadOptions
     from unmodeled.experiment import Belief, Plan, Visible
 
@@ -58,7 +58,7 @@ def plan(
         "Channel or output that will be measured, in addition to those of the files.",
         metavar="NAME",
     ),
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     exclude: tuple[str, ...] = EXCLUDE,
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,

@@ -37,7 +37,7 @@ from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from unmodeled import Comparison
-    from unmodeled.cli.models import Stated
+    from unmodeled.cli.models import StatedOptions
     from unmodeled.data import ReadOptions, Record
 
 
@@ -51,7 +51,7 @@ def check(
     ),
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,
-    stated: Stated = STATED,
+    stated: StatedOptions = STATED,
     force: bool = FORCE,
     *,
     as_json: bool,

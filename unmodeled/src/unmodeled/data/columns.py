@@ -158,7 +158,7 @@ def _read_mat(path: Path) -> Columns:
     return columns
 
 
-_PLAIN = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}  # numbers and texts
+_MAT_PLAIN = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}  # numbers and texts
 _MATRIX, _PACKED = 14, 15
 _NESTED = {1, 2, 3, 16, 17}  # classes of arrays that contain arrays
 MOST_ELEMENTS = 1_000_000
@@ -215,7 +215,7 @@ def _check_array(content: memoryview, order: str, counted: Iterator[int], place:
             if kind >> 16:  # a small element: size and type in four bytes
                 kind, size, begin = kind & 0xFFFF, kind >> 16, at + 4
             small = begin == at + 4
-            if kind not in _PLAIN and not (kind == _MATRIX and nested and not small):
+            if kind not in _MAT_PLAIN and not (kind == _MATRIX and nested and not small):
                 raise ValueError(
                     f"variable at byte {place}: an element has data type {kind}, which does not "
                     "exist there"

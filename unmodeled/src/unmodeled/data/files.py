@@ -1,7 +1,7 @@
 """Records from files: text, MAT (version 5 or 7.3) and NetCDF, each with a small TOML file.
 
 ``strokes/forte.toml`` describes ``strokes/forte.csv``. Without it, columns are identified by their
-names and have their units in the header, ``hammer [mm]``.
+names and have their units in the header, ``tip [mm]``.
 """
 
 from __future__ import annotations
@@ -230,7 +230,7 @@ def read_sheet(path: Path) -> Sheet | None:
         return None
     raw = read_toml(beside)
     if "schema" in raw and "outputs" not in raw:
-        return None  # a mechanism or a stroke of the same name
+        return None  # another file of the same name
     sheet = validated(Sheet, raw, str(beside), DataError)
     if not sheet.outputs:
         raise DataError(f"{beside}: there is no table [outputs.NAME]: nothing to compare")

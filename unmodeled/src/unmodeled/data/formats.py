@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 #: Columns of LeRobot that only count, beside the number of the episode.
-_COUNTERS = ("frame_index", "index", "task_index")
+_LEROBOT_COUNTERS = ("frame_index", "index", "task_index")
 #: Largest number of columns of one array.
 MOST_COLUMNS = 256
 
@@ -101,7 +101,7 @@ def columns_of_frame(
     if index.nlevels == 1 and (index.name is not None or index.dtype.kind in "mMf"):
         clock = str(index.name or time or "time")
         parts[:0] = [] if clock in headings else [(clock, index.to_series())]
-    counted = _COUNTERS if "episode_index" in frame else ()
+    counted = _LEROBOT_COUNTERS if "episode_index" in frame else ()
     heading_of: dict[str, str] = {}
     for heading, series in parts:
         name, unit = split_column(plain_text(heading))

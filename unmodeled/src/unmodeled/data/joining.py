@@ -15,7 +15,7 @@ from unmodeled.errors import DataError, InvalidParameter
 MOST_STEPS = 5.0
 #: Samples of the rest before a motion; multiple of their noise, and shares of the range, that the
 #: begin of a motion passes [1].
-REST, NOISE, BEGIN = 10, 6.0, (0.03, 0.06, 0.1)
+REST, NOISE_MULTIPLE, BEGIN = 10, 6.0, (0.03, 0.06, 0.1)
 #: Time by which a motion may begin after the force that causes it [s].
 LAG = 0.01
 
@@ -115,7 +115,7 @@ def _begins(record: Record) -> Array:
         time, y = record.time[good], np.abs(values[good] - np.median(values[good][:REST]))
         if y.size <= 2 * REST or not y.max() > 0.0:
             continue
-        noise = NOISE * float(np.std(y[:REST])) + 1e-12 * float(y.max())
+        noise = NOISE_MULTIPLE * float(np.std(y[:REST])) + 1e-12 * float(y.max())
         rows = [_stays_above(y, max(level * float(y.max()), noise)) for level in (0.0, *BEGIN)]
         if min(rows) > 2 * REST:  # sooner, it moved in the rest already
             times.append([float(time[row]) for row in rows])

@@ -31,7 +31,7 @@ UNNAMED = "record"
 _PART = re.compile(r"(\[(\d+/\d+|fit|held-out)\])+$")
 #: Properties of the sensor of an output that an input does not have.
 NOT_OF_INPUTS = "relative_sigma", "gain_sd", "offset_sd", "delay_sd", "faults_sd"
-LARGEST = 1e100  # largest number of a record; larger values are not measurements
+LARGEST_VALUE = 1e100  # largest number of a record; larger values are not measurements
 
 
 @checked
@@ -96,9 +96,9 @@ class Sensor:
             "quantum", "correlation_time", "colored_sigma", "gain_sd", "offset_sd", "delay_sd",
         ):  # fmt: skip
             value = getattr(self, name)
-            if not 0.0 <= value <= LARGEST:
+            if not 0.0 <= value <= LARGEST_VALUE:
                 faults.append(f"{name} = {value!r}, expected a finite number >= 0")
-        if self.sigma is not None and not 0.0 < self.sigma <= LARGEST:
+        if self.sigma is not None and not 0.0 < self.sigma <= LARGEST_VALUE:
             faults.append(f"sigma = {self.sigma!r}, expected a finite number > 0, or none")
         if not 0.0 <= self.relative_sigma <= 1.0:
             faults.append(
@@ -117,10 +117,10 @@ class Sensor:
             )
         if not self.bandwidth > 0.0:
             faults.append(f"bandwidth = {self.bandwidth!r}, expected > 0 [Hz]")
-        if not 0.0 < abs(self.gain) <= LARGEST:
+        if not 0.0 < abs(self.gain) <= LARGEST_VALUE:
             faults.append(f"gain = {self.gain!r}, expected a finite number that is not 0")
         for name in ("delay", "offset"):
-            if not abs(getattr(self, name)) <= LARGEST:
+            if not abs(getattr(self, name)) <= LARGEST_VALUE:
                 faults.append(f"{name} = {getattr(self, name)!r}, expected a finite number")
         for key in ("faults", "faults_sd"):
             for name, value in getattr(self, key).items():
@@ -260,7 +260,7 @@ class Record:
             there = ", ".join(known) or "none"
             faults += [f"{what.format(n)} ({there})" for n in names if n not in known]
         for name, sigma in self.input_sigma.items():
-            if not 0.0 <= sigma <= LARGEST:
+            if not 0.0 <= sigma <= LARGEST_VALUE:
                 faults.append(f"input_sigma of {name} is {sigma!r}, expected a number >= 0")
         if self.before is not None and time.size:
             faults += _faults_before(self.before, inputs, time[0])
@@ -646,14 +646,14 @@ def _faults_of_clock(time: Array) -> list[str]:
             f"time does not increase from {time[at - 1]:.10g} s to {time[at]:.10g} s, sample {at} "
             "counted from 0"
         ]
-    return [f"time goes beyond {LARGEST:g} s"] if np.any(np.abs(time) > LARGEST) else []
+    return [f"time goes beyond {LARGEST_VALUE:g} s"] if np.any(np.abs(time) > LARGEST_VALUE) else []
 
 
 def _faults_of_column(name: str, column: Array, time: Array) -> list[str]:
     if column.size != time.size:
         return [f"{name} has {column.size} samples, the clock {time.size}"]
-    beyond = np.isfinite(column) & (np.abs(column) > LARGEST)
-    return [f"{name} holds a number beyond {LARGEST:g}"] if np.any(beyond) else []
+    beyond = np.isfinite(column) & (np.abs(column) > LARGEST_VALUE)
+    return [f"{name} holds a number beyond {LARGEST_VALUE:g}"] if np.any(beyond) else []
 
 
 def _faults_before(before: Record, inputs: Iterable[str], start: float) -> list[str]:

@@ -21,7 +21,7 @@ from unmodeled.units.quantity import shortened
 
 MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times as much
 #: Largest number of faults that are listed of a column.
-MOST_FAULTS = 1000
+MOST_OF_COLUMN = 1000
 #: Usual names of the columns of a quantity, in machines and in other languages.
 _CALLED = {
     "time": "time t timestamp rosbag_timestamp elapsed_time date_time zeit prüfzeit uhrzeit temps "
@@ -162,12 +162,12 @@ class Columns:
         ``complete``: a value that is missing or infinite is a fault, too.
         """
         names = [n for n in (self.values if names is None else names) if n in self.values]
-        listed = self.wrong_rows[:MOST_FAULTS]
+        listed = self.wrong_rows[:MOST_OF_COLUMN]
         for name in names:
             listed += [
                 (row, f"{shortened(name)} = {self._shown(cell)}")
                 for row, cell in itertools.islice(
-                    self.wrong_cells.get(name, {}).items(), MOST_FAULTS
+                    self.wrong_cells.get(name, {}).items(), MOST_OF_COLUMN
                 )
             ]
         short = {row for row, _ in self.wrong_rows}
@@ -176,7 +176,7 @@ class Columns:
             blank = [int(r) for r in np.flatnonzero(~np.isfinite(self.values[name]))]
             listed += [
                 (row, f"{shortened(name)} = {self.values[name][row]}, expected a finite number")
-                for row in itertools.islice((r for r in blank if r not in reported), MOST_FAULTS)
+                for row in itertools.islice((r for r in blank if r not in reported), MOST_OF_COLUMN)
             ]
         return [f"{self.place(row)}: {text}" for row, text in sorted(listed)]
 

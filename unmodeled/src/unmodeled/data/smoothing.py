@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 #: Smallest number of samples for an estimate of noise.
 LEAST_SAMPLES = 12
 #: Two values within this number of standard deviations of the noise are equal.
-NEAR = 5.0
+REST_NOISE = 5.0
 #: Order of the derivative that is white noise; length of the windows of equal intensity [s], and
 #: the smallest number of samples in one.
 ORDER, WINDOW, LEAST_IN_WINDOW = 3, 8e-3, 8
 #: Samples of the longest average; iterations; random vectors for the diagonal of an inverse.
-LONGEST, ITERATIONS, PROBES = 100, 20, 16
+LONGEST_FILTER, ITERATIONS, PROBES = 100, 20, 16
 
 
 def noise_of_record(value: npt.ArrayLike) -> float:
@@ -74,7 +74,7 @@ def still_samples(values: npt.ArrayLike, noise: float) -> int:
     import numpy as np
 
     x = np.asarray(values, dtype=float)
-    beyond = np.abs(x - np.median(x[np.isfinite(x)][:5])) > NEAR * noise
+    beyond = np.abs(x - np.median(x[np.isfinite(x)][:5])) > REST_NOISE * noise
     return int(np.argmax(beyond)) if beyond.any() else x.size
 
 
@@ -144,10 +144,10 @@ def smooth_record(time: npt.ArrayLike, value: npt.ArrayLike, noise: float) -> Ar
 
     count = max(1, min(round(rows * step / WINDOW), rows // LEAST_IN_WINDOW))
     window = (np.arange(rows) * count) // rows
-    least = float(min(t.size, LONGEST)) ** (-2.0 * ORDER)
+    least = float(min(t.size, LONGEST_FILTER)) ** (-2.0 * ORDER)
     # Where times nearly coincide, the differences are large and almost dependent: the same limit of
     # rounding, relative to their variance, which is 20 (1 + 9 + 9 + 1) for evenly spaced times.
-    rounding = float(LONGEST) ** (-2.0 * ORDER) * np.sum(np.square(factors), axis=0) / 20.0
+    rounding = float(LONGEST_FILTER) ** (-2.0 * ORDER) * np.sum(np.square(factors), axis=0) / 20.0
     # Covariance of the derivative of the noise.
     noisy = np.zeros((ORDER + 1, rows))
     for lag in range(ORDER + 1):

@@ -93,7 +93,7 @@ class Table:
 
 
 def plain_name(name: str) -> str:
-    """A name without differences of notation (``Hammer_Tip X``, ``hammer_tip.x``), or accents."""
+    """A name without differences of notation (``Arm_Tip X``, ``arm_tip.x``), or accents."""
     return re.sub(r"[\W_]", "", unicodedata.normalize("NFKD", name).lower())
 
 

@@ -17,7 +17,7 @@ _ANGLES = {360.0: "an angle in degrees", 2.0 * math.pi: "an angle", math.pi: "an
 _FILLED, _BEYOND = 0.9, 1.001
 #: Number of equal parts of the range, and the smallest share of them that holds values: a signal
 #: with a few levels does not wrap.
-_PARTS, _USED = 16, 0.6
+_LEVELS, _USED = 16, 0.6
 #: Largest share of the steps that are jumps; steps without them, in periods; and the step in place
 #: of a jump, in steps beside it.
 _MOST, _SMOOTH, _LIKE = 0.2, 0.3, 1.5
@@ -43,7 +43,7 @@ def wrap_of(values: Array, unit: str = "1") -> tuple[float, str] | None:
             continue
         jump = np.flatnonzero(np.abs(steps) > 0.5 * period)
         smooth = np.diff(unwrapped(values, period))
-        used = np.unique(((values - low) / (high - low) * _PARTS).astype(int).clip(0, _PARTS - 1))
+        used = np.unique(((values - low) / (high - low) * _LEVELS).astype(int).clip(0, _LEVELS - 1))
         scatter = 3.0 * float(np.median(np.abs(np.diff(smooth))))
         near = np.pad(np.abs(smooth), 1, mode="edge")
         beside = np.maximum(near[:-2], near[2:])[jump]
@@ -51,7 +51,7 @@ def wrap_of(values: Array, unit: str = "1") -> tuple[float, str] | None:
         if (
             0 < jump.size <= _MOST * steps.size
             and np.max(np.abs(smooth)) < _SMOOTH * period
-            and used.size >= _USED * _PARTS
+            and used.size >= _USED * _LEVELS
             and steady.all()
         ):
             return period, words

@@ -11,9 +11,9 @@ of a diagnosis (:func:`unmodeled.search.evidence.precision`): without a diagnosi
 of its sensor, with one also by the discrepancy that the model is known to leave.
 
 *Names* (T-optimal): if a is missing with magnitude m, the expected log evidence against b, whose
-magnitude is free with the prior N(0, WIDE^2), and against the model alone is
+magnitude is free with the prior N(0, PRIOR_WIDTH^2), and against the model alone is
 
-    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + WIDE^-2)),    L_a0 = m^2/2 G_aa - 1/2 log(1 + G_aa)
+    L_ab = m^2/2 (G_aa - G_ab^2 / (G_bb + PRIOR_WIDTH^-2)),    L_a0 = m^2/2 G_aa - 1/2 log(1 + G_aa)
 
 With the prior probability w, the posterior probability of a is p_a = w_a / (w_a + sum_b w_b
 exp(-L_ab)). The value of an experiment is the mean of p_a over all possible causes. *Sizes*
@@ -61,16 +61,16 @@ Aim = Literal["names", "sizes"]
 MAGNITUDES = (0.5, 1.0, 2.0)
 #: Standard deviation of the prior of a rival's magnitude [scales]: two causes with equal signatures
 #: then stay equally probable.
-WIDE = 10.0
+PRIOR_WIDTH = 10.0
 #: Probability that the cause is none of those that a diagnosis believes in.
 RESERVE = 0.1
 #: Prior weight below which there is no prior knowledge, and the weight that replaces it: such a
 #: parameter imitates an effect completely.
-UNKNOWN, NONE = 1e-5, 1e-12
+LEAST_PRIOR, NO_PRIOR = 1e-5, 1e-12
 #: Options of a diagnosis by default.
-OPTIONS = Options()
+DEFAULTS = Options()
 #: Log odds from which a cause is named.
-NAMED = math.log(OPTIONS.credibility / (1.0 - OPTIONS.credibility))
+NAMED = math.log(DEFAULTS.credibility / (1.0 - DEFAULTS.credibility))
 
 
 @checked
@@ -182,7 +182,7 @@ class Study:
     @cached_property
     def problem(self) -> Problem:
         """Model and causes without records."""
-        causes = causes_of(self.model, self.effects, OPTIONS.missing)
+        causes = causes_of(self.model, self.effects, DEFAULTS.prior)
         same = tuple(as_parameter(self.model, c) for c in causes)
         return Problem(self.model, same, (), (), ())
 
@@ -300,7 +300,7 @@ class Study:
             The model cannot simulate it.
         """
         ready = ready_records(self.model, (record,))
-        problem = problem_of(ready.model, self.effects, ready.records, (), OPTIONS)
+        problem = problem_of(ready.model, self.effects, ready.records, (), DEFAULTS)
         extra = len(problem.free) - len(self.problem.free)
         shared = len(self.problem.free)
         x = np.concatenate([self.x[:shared], np.zeros(extra), self.x[shared:]])
@@ -467,7 +467,7 @@ class Knowledge:
         out = np.zeros((size, size))
         at = np.arange(study.x.size)
         prior = prior_of(study.problem, study.members).weights(study.x)
-        out[at, at] = np.where(prior > UNKNOWN, prior, NONE)
+        out[at, at] = np.where(prior > LEAST_PRIOR, prior, NO_PRIOR)
         for r in self.records:
             out += r.matrix(samples)
         return np.asarray(out + sum(self.tests))
@@ -570,7 +570,7 @@ class Knowledge:
     def inseparable(self) -> tuple[tuple[str, ...], ...]:
         """Groups of detectable causes that a diagnosis could not tell apart."""
         names, shown = self.study.names, self.detected
-        alike = (self.chance > 1.0 - OPTIONS.credibility) & np.outer(shown, shown)
+        alike = (self.chance > 1.0 - DEFAULTS.credibility) & np.outer(shown, shown)
         count, label = csgraph.connected_components(alike, directed=False)
         groups = [{str(n) for n in names[label == k]} for k in range(count)]
         return tuple(sorted(tuple(sorted(g)) for g in groups if len(g) > 1))
@@ -586,5 +586,5 @@ class Knowledge:
 def _against(gram: Array) -> Array:
     """Expected log evidence of each hypothesis (row) at one scale against each other (column)."""
     alone = np.diag(gram)
-    taken = gram**2 / (alone + WIDE**-2)[None, :]
+    taken = gram**2 / (alone + PRIOR_WIDTH**-2)[None, :]
     return np.asarray(0.5 * np.maximum(alone[:, None] - taken, 0.0))

@@ -29,7 +29,7 @@ TESTS = 8
 LEAST_SHOWN = 0.02
 #: Accuracy of the test of a parameter: share of the uncertainty that the plan leaves, but at least
 #: this share of its tolerance.
-HALF, BEST = 0.5, 0.1
+SHARE_OF_SPREAD, SHARE_OF_TOLERANCE = 0.5, 0.1
 
 
 @checked
@@ -280,7 +280,7 @@ def _tests(knowledge: Knowledge, groups: Sequence[Sequence[str]]) -> tuple[Singl
     """
     study, spread = knowledge.study, knowledge.spread()
     wanted = [
-        (p.name, max(HALF * spread[p.name], BEST * p.sd), p.unit)
+        (p.name, max(SHARE_OF_SPREAD * spread[p.name], SHARE_OF_TOLERANCE * p.sd), p.unit)
         for p in study.model.parameters
         if 0.0 < p.sd < math.inf and p.of_the_machine
     ]

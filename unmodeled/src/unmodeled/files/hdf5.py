@@ -23,7 +23,9 @@ if TYPE_CHECKING:
 HDF5_FAULTS = (OSError, ValueError, LookupError, TypeError, AttributeError, RuntimeError,
                NotImplementedError, MemoryError)  # fmt: skip
 
-MOST_NAMES = 100_000  # number of entries at the top level of a file, and of attributes of one entry
+MOST_ENTRIES = (
+    100_000  # number of entries at the top level of a file, and of attributes of one entry
+)
 MOST_LEVELS = 8  # of groups in groups
 MOST_CHUNKS = 400_000  # number of chunks of all datasets of a file
 
@@ -57,8 +59,8 @@ class Hdf5File:
         import h5py
 
         self._names += len(group)
-        if self._names > MOST_NAMES:
-            raise ValueError(f"{self._names} entries; the limit is {MOST_NAMES}")
+        if self._names > MOST_ENTRIES:
+            raise ValueError(f"{self._names} entries; the limit is {MOST_ENTRIES}")
         for key in group:
             name = before + plain_text(key)
             if not isinstance(group.get(key, getlink=True), h5py.HardLink):

@@ -35,7 +35,7 @@ from unmodeled.fit.program import program_of
 from unmodeled.fit.step import Lanes, Runs, plain, run
 from unmodeled.fit.tape import Traced
 from unmodeled.fit.traces import (
-    Kind,
+    ProgramKind,
     System,
     Traces,
     changes_of,
@@ -176,8 +176,8 @@ def simulated(
     return [found[i] for i in range(len(batches))]
 
 
-def _kind(system: System, **fields: Any) -> Kind:
-    return Kind(
+def _kind(system: System, **fields: Any) -> ProgramKind:
+    return ProgramKind(
         system.parameters, system.hold == "between", system.method == "rosenbrock", **fields
     )
 
@@ -196,7 +196,7 @@ def _starts_of(jobs: Jobs) -> Array:
 
 
 def _run_jobs(
-    system: System, traces: Traces, kind: Kind, batches: Sequence[Batch], tracks: _Tracks
+    system: System, traces: Traces, kind: ProgramKind, batches: Sequence[Batch], tracks: _Tracks
 ) -> Runs:
     program = program_of(system, traces, kind)
     track = [i for b in batches for i in _track_of(tracks, b)]
@@ -226,7 +226,7 @@ def sensitivities(
     None: the rates jump or cannot be traced, so that the request needs differences of simulations.
     """
     found: list[Sensitivity | None] = [None] * len(requests)
-    groups: dict[Kind, list[int]] = {}
+    groups: dict[ProgramKind, list[int]] = {}
     left: dict[int, list[int]] = {}
     tracks = _Tracks(system, traces)
     inner: dict[int, SensitivityRequest] = {}
@@ -271,7 +271,7 @@ def sensitivities(
 def _run_requests(
     system: System,
     traces: Traces,
-    kind: Kind,
+    kind: ProgramKind,
     requests: Sequence[SensitivityRequest],
     tracks: _Tracks,
 ) -> Runs:

@@ -63,7 +63,7 @@ class Parameter:
     scale: float | None = None
     """Scale for steps of finite differences [unit]; default: sd if finite, else abs(value) or 1."""
     label: str = ""
-    """Name for people, as the subject of a sentence: "the hammer head"; default: the name."""
+    """Name for people, as the subject of a sentence: "the front wheel"; default: the name."""
     relative: bool = False
     """Whether the value is a relative deviation from a tabulated value."""
     user_unit: UserUnit | None = None

@@ -14,7 +14,16 @@ from unmodeled.fit.coordinates import Rate
 from unmodeled.fit.methods import Method
 from unmodeled.fit.model import BETWEEN, difference_offsets
 from unmodeled.fit.tape import NAMES, TABLES, Code, Fragment, Target, Traced
-from unmodeled.fit.traces import Form, Key, Kind, System, Traces, own_trace, port_trace, traced_of
+from unmodeled.fit.traces import (
+    Form,
+    Key,
+    ProgramKind,
+    System,
+    Traces,
+    own_trace,
+    port_trace,
+    traced_of,
+)
 
 
 @dataclass(eq=False)
@@ -141,7 +150,7 @@ class _Assembly:
 class _Builder:
     """Puts the program of a kind together."""
 
-    def __init__(self, system: System, traces: Traces, kind: Kind):
+    def __init__(self, system: System, traces: Traces, kind: ProgramKind):
         self.system, self.traces, self.kind = system, traces, kind
         base, forms = len(system.states), (*kind.included, *kind.candidates)
         hidden = [len(f.effect.hidden) for f in forms]
@@ -376,7 +385,7 @@ class _Builder:
         return out, by_state, self.shown_columns
 
 
-def program_of(system: System, traces: Traces, kind: Kind) -> Program:
+def program_of(system: System, traces: Traces, kind: ProgramKind) -> Program:
     """The program of a kind of simulations."""
     if kind not in traces.programs:
         traces.programs[kind] = _Builder(system, traces, kind).program()

@@ -58,7 +58,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Kind:
+class ProgramKind:
     """What simulations have in common that are one program."""
 
     parameters: tuple[str, ...]
@@ -84,7 +84,7 @@ class Traces:
     """
 
     effects: dict[tuple[Effect, str], Traced | NotTraceable] = field(default_factory=dict)
-    programs: dict[Kind, Any] = field(default_factory=dict)
+    programs: dict[ProgramKind, Any] = field(default_factory=dict)
     own: Traced | NotTraceable | None = None
     ports: dict[str, Traced] = field(default_factory=dict)
     signals: WeakKeyDictionary[Record, dict[Any, Array]] = field(default_factory=WeakKeyDictionary)

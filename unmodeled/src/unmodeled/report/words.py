@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from unmodeled.search.result import Change, Channel, Named, ParameterValue
+from unmodeled.search.result import Change, Channel, NamedCause, ParameterValue
 from unmodeled.units import readable_unit
 
 #: Shares of a turn as words.
@@ -39,9 +39,9 @@ def scale(low: float, high: float, unit: str, *, relative: bool = False) -> tupl
     return factor, "" if name == "1" else f" {name}"
 
 
-def interval(x: Named | ParameterValue) -> str:
+def interval(x: NamedCause | ParameterValue) -> str:
     """Value with its unit and 95 % interval."""
-    value = x.magnitude if isinstance(x, Named) else x.value
+    value = x.magnitude if isinstance(x, NamedCause) else x.value
     relative = isinstance(x, ParameterValue) and x.relative
     return "{}{} ({} to {})".format(*_numbers(value, x.low, x.high, x.unit, relative=relative))
 
@@ -119,8 +119,8 @@ def _clause(c: Change) -> str:
         if fault == "delay" and " in " not in place:
             # The reading is late by the size, so that the machine is early against a late input.
             sign = math.copysign(1.0, c.size)
-            ends = sorted((sign * c.low, sign * c.high))
-            of, name, low, high = _numbers(abs(c.size), *ends, c.unit, relative=False)
+            early, late = sorted((sign * c.low, sign * c.high))
+            of, name, low, high = _numbers(abs(c.size), early, late, c.unit, relative=False)
             size = f"{of}{name} ({low} to {high})"
             if c.kind == "input":
                 return (

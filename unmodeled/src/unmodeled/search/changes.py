@@ -39,7 +39,7 @@ ODDS, ALIKE = 9.0, 0.01
 
 
 @dataclass(frozen=True)
-class Explained:
+class Explanation:
     """Parameters that explain a fit, and what is left without each change."""
 
     changed: tuple[tuple[ParameterValue, ...], ...] = ()
@@ -112,7 +112,7 @@ def explain(
     groups: Sequence[Sequence[int]],
     values: Callable[[Problem, Fitted], Sequence[ParameterValue]],
     check: Callable[[], None] = lambda: None,
-) -> Explained:
+) -> Explanation:
     """The fewest parameters that explain a fit, and what is left without each change.
 
     Parameters
@@ -144,7 +144,7 @@ def explain(
             without += work.without_listed([p.name for p in out[-1]], less)
     except (Stop, KeyboardInterrupt):
         pass
-    return Explained(tuple(out), tuple(without))
+    return Explanation(tuple(out), tuple(without))
 
 
 class _Fits:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Largest number of alignments of clocks; smallest standard deviation of their offset [s].
-ROUNDS, CLOCK_SD = 4, 2e-3
+ALIGNMENTS, CLOCK_SD = 4, 2e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +131,7 @@ def join_by_motion(
     clocks, sd = align_clocks(first, second)
     offset, told, ready = clocks.offset, "", None
     late: dict[str, float] = {}
-    for _ in range(ROUNDS):
+    for _ in range(ALIGNMENTS):
         if model is None:
             break
         made = join_records(first, second, same=[(0.0, offset)], inputs=inputs)
@@ -232,12 +232,12 @@ def _not_finite(runs: Runs) -> Iterator[str]:
 
 
 #: Longest delay that is tried, as a share of the record [1].
-LONGEST = 0.25
+LONGEST_DELAY = 0.25
 NO_DELAY = math.nan, math.nan
 
 #: Share of the record to which an unknown start is fitted; standard deviation, in scales of the
 #: state, from which it is unknown [1].
-BEGINNING, UNKNOWN = 0.2, 0.3
+BEGINNING, UNKNOWN_START = 0.2, 0.3
 
 
 def simulated(
@@ -257,7 +257,7 @@ def simulated(
     states = model.states(included)
     known = [start_in(s, record) for s in states]
     start = np.array([mean for mean, _ in known])
-    free = [i for i, s in enumerate(states) if known[i][1] > UNKNOWN * s.scale]
+    free = [i for i, s in enumerate(states) if known[i][1] > UNKNOWN_START * s.scale]
 
     def run(part: Record, x: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -369,7 +369,7 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
     clock = np.linspace(time[0], time[-1], count)
     x = np.interp(clock, time[both], measured[both])
     y = np.interp(clock, time[both], model[both])
-    most = int(LONGEST * count)
+    most = int(LONGEST_DELAY * count)
     padded = np.concatenate([np.full(most, y[0]), y, np.full(most, y[-1])])
     # Sums of squares of all delays at once: x^2 - 2 x y + y^2.
     # (scipy.signal takes a second to start.)
@@ -378,7 +378,7 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
     squares = np.concatenate([[0.0], np.cumsum(padded**2)])
     cost = float(x @ x) - 2.0 * product + squares[count:] - squares[:-count]
     best = int(np.argmin(cost))
-    if best in (0, 2 * most) or not cost[best] < (1.0 - MOST) * cost[most]:
+    if best in (0, 2 * most) or not cost[best] < (1.0 - TAKES_AWAY) * cost[most]:
         return NO_DELAY
     a, b, c = cost[best - 1 : best + 2]
     bend = a - 2.0 * b + c
@@ -394,15 +394,15 @@ def _delay(time: Array, measured: Array, model: Array) -> tuple[float, float]:
 Runs = Sequence[tuple[Record, Mapping[str, Array]]]
 
 #: Correlation of record and model from which a factor is told, and is certain [1].
-ALIKE, SURE = 0.9, 0.99
+CORRELATED, CERTAIN = 0.9, 0.99
 #: Largest distance of a factor from that of a unit, as a share of their logarithms [1].
-NEAR = 0.15
+NEAR_FACTOR = 0.15
 #: Share of the squared difference that an explanation must take away; shares that another clock,
 #: input, or scale may leave to be told, and to be certain; smallest share of the variance for which
 #: these are tried [1].
-MOST, SOME, LEFT, TRIED = 0.5, 0.1, 0.04, 0.1
+TAKES_AWAY, LEAVES, LEAVES_CERTAIN, LEAST_VARIANCE = 0.5, 0.1, 0.04, 0.1
 #: Largest spread of the delays of all channels that are one delay [1].
-SAME = 0.3
+DELAY_SPREAD = 0.3
 #: Prior standard deviation, as a share of the value, from which a parameter may have any size [1].
 ANY_SIZE = 0.5
 #: Factors of record over model of a wrong unit or direction, by the unit of the channel; "": any.
@@ -471,9 +471,9 @@ def _known_relation(row: Compared) -> tuple[float, float] | None:
     for zero, factor in _relations(row.unit):
         ratio = row.factor / factor
         far = min(row.motion, 0.5 * abs(zero) or math.inf)  # nearer to this zero than to none
-        if ratio > 0.0 and abs(row.correlation) > ALIKE and abs(row.offset - zero) <= far:
+        if ratio > 0.0 and abs(row.correlation) > CORRELATED and abs(row.offset - zero) <= far:
             off = abs(math.log(ratio)) / max(abs(math.log(abs(factor))), math.log(10.0))
-            near += [(off, zero, factor)] if off < NEAR else []
+            near += [(off, zero, factor)] if off < NEAR_FACTOR else []
     return min(near)[1:] if near else None
 
 
@@ -486,7 +486,7 @@ def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
         wrong = [r for r, relation in known.items() if relation]
         right = [r for r, relation in known.items() if not relation]
         relations = {relation for relation in known.values() if relation}
-        if len(relations) == 1 and all(abs(r.factor - 1.0) < MOST for r in right):
+        if len(relations) == 1 and all(abs(r.factor - 1.0) < TAKES_AWAY for r in right):
             where = tuple(r.record for r in wrong) if right else ()
             groups.setdefault((relations.pop(), where), []).append(wrong)
     for ((zero, factor), where), channels in groups.items():
@@ -501,7 +501,7 @@ def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
             f"{'record ' + ', '.join(where) if where else 'all records'}: "
             f"{'has it the other direction' if factor < 0.0 else 'is its unit another one'}?"
             f"{_reversed(wrong) if factor < 0.0 else ''}",
-            all(abs(r.correlation) > SURE for r in wrong),
+            all(abs(r.correlation) > CERTAIN for r in wrong),
         )
 
 
@@ -533,9 +533,9 @@ def _follows(
     """The change of the records with which the model follows all of them far better, if any."""
     runs = [(r, y) for r, y in runs if r.start is None or r.start.known]
     now = [_left(*run) for run in runs]
-    if not runs or min(now) < TRIED:
+    if not runs or min(now) < LEAST_VARIANCE:
         return []
-    most = [min(SOME * v, MOST) for v in now]
+    most = [min(LEAVES * v, TAKES_AWAY) for v in now]
     best: list[Hint] = []
     for hint, changed in others:
         left: list[float] = []
@@ -545,7 +545,7 @@ def _follows(
             if not left[-1] < limit:
                 break
         else:
-            sure = all(a < LEFT * b for a, b in zip(left, now, strict=True))
+            sure = all(a < LEAVES_CERTAIN * b for a, b in zip(left, now, strict=True))
             best, most = [replace(hint, sure=sure)], left
     return best
 
@@ -629,10 +629,10 @@ def _better_orders(
         cycle = sorted(cycle, key=lambda k: rows[k].channel)
         now, left = cost[cycle, cycle], cost[cycle, [order[k] for k in cycle]]
         noise = np.array([(rows[k].noise / rows[k].motion) ** 2 for k in cycle])
-        far = now.sum() > MOST * len(cycle) or (
-            now.sum() > TRIED * len(cycle) and left.sum() < LEFT * now.sum()
+        far = now.sum() > TAKES_AWAY * len(cycle) or (
+            now.sum() > LEAST_VARIANCE * len(cycle) and left.sum() < LEAVES_CERTAIN * now.sum()
         )
-        if far and np.all(now > noise) and np.all(left < MOST * np.minimum(now, 1.0)):
+        if far and np.all(now > noise) and np.all(left < TAKES_AWAY * np.minimum(now, 1.0)):
             yield tuple((rows[k].channel, rows[order[k]].channel) for k in cycle)
 
 
@@ -668,7 +668,12 @@ def _delays(rows: Sequence[Compared]) -> list[Hint]:
     late = [r for r in rows if math.isfinite(r.delay)]
     mean = float(np.mean([r.delay for r in late])) if late else 0.0
     apart = float(np.ptp([r.delay for r in late])) if late else 0.0
-    if len(rows) < 2 or not late or apart > SAME * abs(mean) or max(r.delayed for r in late) > LEFT:
+    if (
+        len(rows) < 2
+        or not late
+        or apart > DELAY_SPREAD * abs(mean)
+        or max(r.delayed for r in late) > LEAVES_CERTAIN
+    ):
         return []
     factor, unit = readable_unit(mean, "s")
     text = f"{abs(factor * mean):.3g} {unit} {'late' if mean > 0.0 else 'early'}"
@@ -678,7 +683,7 @@ def _delays(rows: Sequence[Compared]) -> list[Hint]:
             Hint("delay", names, f"every channel is {text}: is the input on the same clock?"),
         ]
     # The others follow the model.
-    least = min(1.0, SAME * min(o.rms / o.motion for o in late))
+    least = min(1.0, DELAY_SPREAD * min(o.rms / o.motion for o in late))
     on_time = [r for r in rows if r not in late and r.rms <= least * r.motion]
     if len(on_time) + len(late) < len(rows):
         return []

@@ -122,7 +122,7 @@ def prior_of(problem: Problem, members: Members) -> Prior:
 
 
 @dataclass(frozen=True, eq=False)
-class System:
+class NormalEquations:
     """Normal equations of the global unknowns, with the local ones eliminated."""
 
     matrix: Array
@@ -150,7 +150,7 @@ def system(
     noise: Array,
     share: float | Array,
     damping: float = 0.0,
-) -> System:
+) -> NormalEquations:
     """Normal equations at a point: share J'J / noise^2 and the priors of the local unknowns.
 
     ``share``: weight of a sample, for all channels or by channel.
@@ -187,7 +187,9 @@ def system(
     own = np.asarray(total)
     a, e = slice(0, g), slice(g, -1)
     locals_ = tuple(blocks[r] for r in range(len(counts)))
-    return System(own[a, a], own[a, -1], own[e, a], own[e, e], own[e, -1], locals_, log_det)
+    return NormalEquations(
+        own[a, a], own[a, -1], own[e, a], own[e, e], own[e, -1], locals_, log_det
+    )
 
 
 def misfit(samples: Array, squares: Array) -> Array:

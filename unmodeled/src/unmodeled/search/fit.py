@@ -15,8 +15,8 @@ import numpy as np
 from unmodeled.data import Array
 from unmodeled.search.evidence import (
     Fitted,
+    NormalEquations,
     Prior,
-    System,
     best_of,
     effective_share,
     local_penalty,
@@ -226,7 +226,7 @@ def _limits(problem: Problem, members: Members) -> tuple[Array, Array]:
 
 
 def _step(
-    own: System, prior: Prior, x: Array, low: Array, high: Array, damping: float
+    own: NormalEquations, prior: Prior, x: Array, low: Array, high: Array, damping: float
 ) -> tuple[Array, list[Array]]:
     """Step of global and local unknowns within the limits, from normal equations."""
     weight = prior.weights(x)
@@ -404,7 +404,7 @@ def first_step(
     return tuple(seen) if now - cost > AS_PROMISED * promised else None
 
 
-def _promised(own: System, prior: Prior, x: Array, step: Array) -> float:
+def _promised(own: NormalEquations, prior: Prior, x: Array, step: Array) -> float:
     """Gain that a step of the global unknowns promises, to second order; local ones follow."""
     slope = own.right - prior.weights(x) * x
     inner = sum(float(target @ np.linalg.solve(matrix, target)) for matrix, _, target in own.locals)

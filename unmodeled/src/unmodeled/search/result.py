@@ -28,7 +28,7 @@ __all__ = [
     "Compared",
     "Event",
     "Hint",
-    "Named",
+    "NamedCause",
     "ParameterValue",
     "Place",
     "Reason",
@@ -154,9 +154,9 @@ class ParameterValue:
         """Whether the interval excludes the tabulated value."""
         return not self.low <= self.tabulated <= self.high
 
-    def as_cause(self) -> Named:
+    def as_cause(self) -> NamedCause:
         """The parameter in the form of a cause."""
-        return Named(
+        return NamedCause(
             self.name,
             "",
             self.unit,
@@ -177,7 +177,7 @@ class ParameterValue:
 
 
 @dataclass(frozen=True)
-class Named:
+class NamedCause:
     """A cause with its magnitude in the set in which it is most probable."""
 
     cause: str
@@ -366,8 +366,8 @@ class Result:
     verdict: Verdict
     reasons: tuple[Reason, ...]
     channels: tuple[Channel, ...]
-    named: tuple[Named, ...]
-    classes: tuple[tuple[Named, ...], ...]
+    named: tuple[NamedCause, ...]
+    classes: tuple[tuple[NamedCause, ...], ...]
     """Each class: one of its members is missing."""
     parameters: tuple[ParameterValue, ...]
     """Fitted parameters, with the causes of the answer."""
@@ -384,7 +384,7 @@ class Result:
     """Number of causes that were to be tried."""
     refused: tuple[str, ...] = ()
     """Causes of the most probable set whose magnitude differs between records."""
-    supported: tuple[Named, ...] = ()
+    supported: tuple[NamedCause, ...] = ()
     """Causes that are not named, each of which surely improves the prediction of held-out records,
     together with the named ones."""
     not_needed: tuple[str, ...] = ()
@@ -396,7 +396,7 @@ class Result:
     notes: tuple[str, ...] = ()
     seconds: float = 0.0
     records: tuple[str, ...] = ()
-    """Names of the records in the order of ``Named.by_record``."""
+    """Names of the records in the order of ``NamedCause.by_record``."""
     cells: tuple[Cell, ...] = ()
     """Ledger of the residual."""
     events: tuple[Event, ...] = ()
@@ -447,7 +447,7 @@ class Result:
 
     def _change(
         self,
-        n: Named,
+        n: NamedCause,
         tier: Literal["named", "one of", "supported", "fitted"],
         p: ParameterValue | None = None,
     ) -> Change:

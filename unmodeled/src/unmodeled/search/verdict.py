@@ -14,7 +14,7 @@ from unmodeled.data.smoothing import noise_of_record
 from unmodeled.search.changes import explain
 from unmodeled.search.evidence import (
     Fitted,
-    System,
+    NormalEquations,
     log_odds,
     precision,
     prior_of,
@@ -37,7 +37,7 @@ from unmodeled.search.problem import STRICT, Cause, Problem, rms_of, spread
 from unmodeled.search.progress import Stop, interrupted
 from unmodeled.search.result import (
     Channel,
-    Named,
+    NamedCause,
     ParameterValue,
     Place,
     Reason,
@@ -560,7 +560,7 @@ def _covariance(problem: Problem, fitted: Fitted) -> Array:
     return _precision(problem, fitted)[1]
 
 
-def _precision(problem: Problem, fitted: Fitted) -> tuple[System, Array]:
+def _precision(problem: Problem, fitted: Fitted) -> tuple[NormalEquations, Array]:
     """Normal equations of a set, and the covariance of its global unknowns in their scales.
 
     What an estimate has taken up of a discrepancy is not seen. It may be as large as what is left,
@@ -594,7 +594,7 @@ def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, flo
 
 def _named(
     problem: Problem, fitted: Fitted, sets: Sequence[Fitted], weight: Array, cause: int
-) -> Named:
+) -> NamedCause:
     """A cause with its magnitude in a set."""
     found = problem.causes[cause]
     probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
@@ -613,7 +613,7 @@ def _named(
     if words is not None:
         unit, (low, high) = words.unit, words.bounds
     half = HALF * sd * abs(scale)
-    return Named(
+    return NamedCause(
         cause=found.name,
         component=found.component,
         unit=unit,
@@ -649,7 +649,7 @@ def _size(problem: Problem, fitted: Fitted, cause: int) -> tuple[float, float, f
     return zero + scale * float(fitted.point.x[k]), zero, scale
 
 
-def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> Named:
+def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> NamedCause:
     """An error of a sensor in each record; its magnitude is the rms over the records."""
     found = problem.causes[cause]
     assert found.local is not None
@@ -672,7 +672,7 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
         shared += slope * of_record[1:]
     half = HALF * math.sqrt(variance + float(shared @ covariance @ shared))
     scale = found.local.scale
-    return Named(
+    return NamedCause(
         cause=found.name,
         component=found.component,
         unit=fault.unit or problem.units[found.local.index],

@@ -1,6 +1,6 @@
 """Numbers with units in files: parsing, and error messages of one form.
 
-Used by the schema of mechanisms and strokes. A quantity is a number in SI, a text ``"10.5 mm"`` or
+A quantity is a number in SI, a text ``"10.5 mm"`` or
 a table ``{ value, unit, source, status, note, printed, sd }``.
 """
 
@@ -11,7 +11,6 @@ import math
 import numbers
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from types import NoneType, UnionType
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar, Union, cast, get_args, get_origin
 
@@ -138,7 +137,8 @@ def is_quantity(node: object) -> bool:
     return isinstance(node, Mapping) and "value" in node and set(node) <= META_KEYS
 
 
-def _number(value: object) -> float:
+def finite_number(value: object) -> float:
+    """A real number as a float; raises ValueError with the fault."""
     if isinstance(value, bool) or not isinstance(value, numbers.Real):  # includes NumPy's
         raise ValueError(f"got {shown(value)}, expected a number")
     try:
@@ -150,7 +150,8 @@ def _number(value: object) -> float:
     return number
 
 
-def _factor(unit: object, si_unit: str) -> float:
+def factor_to(unit: object, si_unit: str) -> float:
+    """Factor from a unit of a file to ``si_unit``; raises ValueError with the fault."""
     if not isinstance(unit, str):
         raise ValueError(f"got unit {shown(unit)}, expected a text such as {si_unit!r}")
     if unit == si_unit:  # or a non-mechanical unit, such as the unit of a power of a user's model
@@ -161,7 +162,8 @@ def _factor(unit: object, si_unit: str) -> float:
         raise ValueError(str(error)) from None
 
 
-def _check_table(node: Mapping[str, Any]) -> None:
+def check_table(node: Mapping[str, Any]) -> None:
+    """Raise ValueError if a table is no quantity."""
     unknown = sorted(set(node) - META_KEYS, key=str)
     if unknown:
         raise ValueError(
@@ -185,107 +187,11 @@ def parse_scalar(node: object, si_unit: str) -> float:
         unit = match.group(2).strip()
         if re.match(r",\d", unit):
             raise ValueError(f"got {shown(node)}, expected a decimal point")
-        return _number(float(match.group(1))) * (_factor(unit, si_unit) if unit else 1.0)
+        return finite_number(float(match.group(1))) * (factor_to(unit, si_unit) if unit else 1.0)
     if isinstance(node, Mapping):
-        _check_table(node)
-        return _number(node["value"]) * _factor(node.get("unit", si_unit), si_unit)
-    return _number(node)
-
-
-def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:
-    factor = 1.0
-    if isinstance(node, Mapping):
-        _check_table(node)
-        factor = _factor(node.get("unit", si_unit), si_unit)
-        node = node["value"]
-    if isinstance(node, str) or not isinstance(node, Sequence) or len(node) != length:
-        raise ValueError(f"got {shown(node)}, expected {length} numbers")
-    return tuple(
-        _limited(parse_scalar(v, si_unit) if isinstance(v, str) else _number(v) * factor, si_unit)
-        for v in node
-    )
-
-
-#: Largest value by SI unit. Differences of longer lengths would lose the size of a small part.
-_LARGEST = {"m": 1e6}
-
-
-def _limited(value: float, si_unit: str) -> float:
-    most = _LARGEST.get(si_unit, math.inf)
-    if abs(value) > most:
-        raise ValueError(f"got {value:g} {si_unit}, expected at most {most:g} {si_unit}")
-    return value
-
-
-@dataclass(frozen=True)
-class _InUnit(BeforeValidator):
-    """Validator that stores its unit."""
-
-    si_unit: str = ""
-    by_joint: tuple[str, ...] = ()
-
-
-def SI(si_unit: str) -> BeforeValidator:
-    """Annotation of a float field: any accepted form is converted to ``si_unit``."""
-    return _InUnit(lambda node: _limited(parse_scalar(node, si_unit), si_unit), si_unit=si_unit)
-
-
-def _parse_count(node: object) -> int:
-    """Integer, bare or as a table with its source; raises ValueError with the fault."""
-    value: object = node
-    if isinstance(node, Mapping):
-        _check_table(node)
-        if node.get("unit", "1") != "1":
-            raise ValueError(f"got unit {node['unit']!r}, expected a count: no unit, or '1'")
-        value = node["value"]
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or value != value // 1:
-        raise ValueError(f"got {shortened(repr(value))}, expected a whole number")
-    return int(value)
-
-
-def Count() -> BeforeValidator:
-    """Annotation of an int field that may have a source: an integer or a quantity table."""
-    return BeforeValidator(_parse_count)
-
-
-def SIVector(si_unit: str, length: int = 2) -> BeforeValidator:
-    """Annotation of a field of ``length`` floats in ``si_unit``."""
-    return _InUnit(lambda node: _parse_vector(node, si_unit, length), si_unit=si_unit)
-
-
-def JointSI(revolute: str, prismatic: str, contact: str | None = None) -> BeforeValidator:
-    """Annotation of a field whose unit depends on its joint or contact."""
-    units = (revolute, prismatic, prismatic if contact is None else contact)
-
-    def parse(node: object) -> float:
-        for si in units:
-            try:
-                return parse_scalar(node, si)
-            except ValueError as error:
-                if "does not measure" not in str(error):
-                    raise
-        unit = node["unit"] if isinstance(node, Mapping) else node
-        known = ", ".join(dict.fromkeys(units))
-        raise ValueError(f"got unit {shown(unit)}, expected a unit of {known}")
-
-    return _InUnit(parse, si_unit=revolute, by_joint=units)
-
-
-def _mark(model: type[BaseModel], field: str) -> _InUnit | None:
-    info = model.model_fields[field]
-    marks = [*info.metadata, *(m for arg in get_args(info.annotation) for m in get_args(arg))]
-    return next((mark for mark in marks if isinstance(mark, _InUnit)), None)
-
-
-def unit_of(model: type[BaseModel], field: str, joint: str = "revolute") -> str | None:
-    """SI unit of a field annotated by :func:`SI`, :func:`SIVector` or :func:`JointSI`; else None.
-
-    ``joint``: what the field belongs to: ``revolute``, ``prismatic`` or ``contact``.
-    """
-    mark = _mark(model, field)
-    if mark is None or not mark.by_joint:
-        return None if mark is None else mark.si_unit
-    return mark.by_joint[("revolute", "prismatic", "contact").index(joint)]
+        check_table(node)
+        return finite_number(node["value"]) * factor_to(node.get("unit", si_unit), si_unit)
+    return finite_number(node)
 
 
 _LIMITS = {
@@ -297,11 +203,14 @@ _LIMITS = {
 
 
 def keys_of(model: type[BaseModel]) -> str:
-    """Keys of a table with their SI units as text: the required ones, and the others."""
+    """Keys of a table as text: the required ones, and the others.
+
+    A key has the units of the annotation of its field that has the attribute ``units``.
+    """
     keys: dict[bool, list[str]] = {True: [], False: []}
     for name, field in model.model_fields.items():
-        mark = _mark(model, name)
-        units = [] if mark is None else list(dict.fromkeys(mark.by_joint or (mark.si_unit,)))
+        marks = [*field.metadata, *(m for a in get_args(field.annotation) for m in get_args(a))]
+        units = next((list(dict.fromkeys(m.units)) for m in marks if hasattr(m, "units")), [])
         unit = "" if units in ([], ["1"]) else f" [{' or '.join(units)}]"
         keys[field.is_required()].append(f"{field.alias or name}{unit}")
     texts = [f"required: {', '.join(keys[True])}"] if keys[True] else []
@@ -393,7 +302,7 @@ def fault_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 #: Fault by its type in pydantic: ``got`` is the input, ``ctx`` the numbers of the limit.
-_FAULTS = {
+_TEXTS_OF_FAULTS = {
     "number_or_text": "got {got}, expected a finite number or a text",
     "literal_error": "got {got}, expected {ctx[expected]}",
     "value_error": "{ctx[error]}",
@@ -419,9 +328,9 @@ def _text_of_fault(
         hint = f"; did you mean {near[0]!r}?" if near else f"; known are {', '.join(known)}"
         return "unknown key" + (hint if known else "")
     got = _plain_input(item.get("input"))
-    if kind not in _FAULTS:
+    if kind not in _TEXTS_OF_FAULTS:
         return f"got {got}: {item['msg'].lower()}"
-    text = _FAULTS[kind].format(got=got, ctx=item.get("ctx", {}))
+    text = _TEXTS_OF_FAULTS[kind].format(got=got, ctx=item.get("ctx", {}))
     if kind in ("list_type", "tuple_type") and "{" in got:
         text += f"; hint: [[{where}]] in place of [{where}]"
     return text

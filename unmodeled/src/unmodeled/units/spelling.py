@@ -65,7 +65,7 @@ _SPELLED = {word: unit for unit, words in _NAMES.items() for word in words.split
 _LENGTH, _FORCE = "m", "N"
 #: Words after which a bare unit may follow (``Time_s``), and their quantity. Elsewhere, the end of
 #: a name is not a unit: ``force_in`` is not a force in inches.
-_QUANTITIES = {
+_WORDS_OF = {
     "s": "time t zeit temps tiempo",
     _FORCE: "force load kraft fz fy fx",
     _LENGTH: "displacement extension position travel stroke distance compression deflection weg "
@@ -76,8 +76,8 @@ _QUANTITIES = {
     "W": "power leistung",
     "K": "temperature temperatur temp",
 }
-_MEASURED = {word: si for si, words in _QUANTITIES.items() for word in words.split()}
-_BRACKETS = re.compile(r"(.*\S)?\s*[\[(<]((?:[^\[\]()<>]|\([^()]*\))*)[\])>]\s*")
+_MEASURED = {word: si for si, words in _WORDS_OF.items() for word in words.split()}
+_BRACKETED = re.compile(r"(.*\S)?\s*[\[(<]((?:[^\[\]()<>]|\([^()]*\))*)[\])>]\s*")
 #: ``pos[0]``, ``pos[x]``: an index, no unit; ``pump [1]`` has the unit 1.
 _INDEX = re.compile(r".*\S\[(?:\d+|[xyz])\]")
 #: As in standards of notation, a quantity over its unit: ``U_B1 / V``, ``M / N m``.
@@ -130,7 +130,7 @@ def split_column(heading: str) -> tuple[str, str]:
     in square or angle brackets is a unit, known or not; elsewhere, only a known unit counts.
     """
     text = heading.strip()
-    brackets = _BRACKETS.fullmatch(text)
+    brackets = _BRACKETED.fullmatch(text)
     if brackets is not None and not _INDEX.fullmatch(text):
         name, unit = (brackets[1] or "").strip(), brackets[2].strip()
         if text.endswith(("]", ">")):
