@@ -106,7 +106,7 @@ class CustomerPage:
     @property
     def _as_well(self) -> str:
         """What is said of what the work does not change."""
-        return "as before" if self.done else "and will after the work"
+        return "as before" if self.done else "now and after the work"
 
     def _hand(self, before: StaticTouch | None, after: StaticTouch, same: bool) -> str:
         """What the hand feels, in grams."""

@@ -85,7 +85,9 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
     still = reading[: max(3, round(0.01 * sensor.rate))]
     found = []
     for top in _turns(sensor.followed(samples["hammer"])):
-        gain, shift, speed = 1.0, 0.0, 1.0
+        usual = np.interp(np.interp(1.0, setup.speeds, setup.peaks), sensor.travel, sensor.reading)
+        off = np.clip(reading[top] / usual - 1.0, -4.0 * sensor.gain, 4.0 * sensor.gain)
+        gain, shift, speed = 1.0 + float(off), 0.0, 1.0
         for _ in range(4):
             travel = sensor.followed((reading / gain - sensor.low) / step) - shift
             rows = _flight(travel[: top + 1], noise, speed, setup)
@@ -107,7 +109,7 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
             speed = max(setup.reach * float(travel[rows[-1]] - travel[rows[0]])
                         / (end - float(time[rows[0]])), 0.1)  # fmt: skip
             start = 1e3 * setup.reach * (1.0 - float(travel[rows[-1]])) / speed
-            p = least_squares(errors, [start, speed, 0.0, 0.0], method="lm").x
+            p = least_squares(errors, [start, speed, 0.0, 0.0], method="lm", ftol=1e-6, xtol=1e-6).x
             at, speed = end + 1e-3 * p[0], float(p[1])
             gain, shift = 1.0 + sensor.gain * p[2], sensor.shift * p[3]
         else:

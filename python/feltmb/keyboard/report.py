@@ -96,10 +96,9 @@ def draw(balance: Balance) -> Figure:
         axes[3].plot(keys[rows], frame["ratio_curve"][rows], style, color=GREEN, lw=1, label=label)
     _standards(axes[4], "front_weight", keys, given["front_weight"])
     _marks(axes[4], keys, given["front_weight"], sharp, BLUE, "front weight")
-    rows = {"friction": (1, "friction"), "uneven friction": (1, "friction"),
-            "balance": (0, "balance"), "spring": (1, "spring")}  # fmt: skip
+    rows = {"friction": 1, "uneven friction": 1, "balance": 0, "spring": 1}
     for o in balance.outliers:
-        row, _ = rows.get(o.what, (2, ""))
+        row = rows.get(o.what, 2)
         axes[row].annotate(
             f"{o.key}", (o.key, o.value), xytext=(6, 6), textcoords="offset points", fontsize=8,
             fontweight="bold" if o.what == "friction" else "normal",

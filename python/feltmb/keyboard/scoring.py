@@ -8,6 +8,7 @@ import json
 import math
 import runpy
 import shlex
+import shutil
 import subprocess
 import tempfile
 import traceback
@@ -179,6 +180,8 @@ def load_algorithm(text: str) -> tuple[str, Algorithm]:
             f"algorithm {text!r}: expected {' or '.join(PACKAGED)}, FILE.py:FUNCTION, or the "
             "command of a program, such as './find' or 'python find.py'"
         )
+    if shutil.which(words[0]) is None:
+        raise InvalidParameter(f"algorithm {text!r}: there is no program {words[0]}")
     return words[-1], _program(words)
 
 
@@ -195,20 +198,20 @@ def _program(words: Sequence[str]) -> Algorithm:
                 timeout=PROGRAM_TIME,
             )  # fmt: skip
         if done.returncode:
-            raise RuntimeError(f"exit code {done.returncode}: {done.stderr.strip()[-300:]}")
-        rows = list(csv.reader(io.StringIO(done.stdout)))
-        if not rows or [cell.strip() for cell in rows[0]] != ["time", "speed"]:
-            raise RuntimeError(
-                f"printed {shown(done.stdout)}, expected CSV with the head time,speed"
-            )
-        return [(float(time), float(speed)) for time, speed in rows[1:]]
+            raise Error(f"exit code {done.returncode}: {done.stderr.strip()[-300:]}")
+        head, *rows = list(csv.reader(io.StringIO(done.stdout))) or [[]]
+        if [cell.strip() for cell in head] != ["time", "speed"]:
+            raise Error(f"printed {shown(done.stdout)}, expected CSV with the head time,speed")
+        return rows
 
     return call
 
 
 def _told(error: BaseException) -> str:
-    """Kind and place of an error of a function of the user."""
-    frames = traceback.extract_tb(error.__traceback__)
+    """Kind and place of an error of a function of the user; the text of one of feltmb."""
+    if isinstance(error, Error):
+        return str(error)
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename[0] != "<"]
     where = f", {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     return f"{type(error).__name__}: {error}{where}"
 

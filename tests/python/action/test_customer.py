@@ -106,7 +106,7 @@ NAN = float("nan")
     ("before", "after", "now", "done"),
     [
         (0.52, 0.48,
-         "After the let-off, the key has 0.5 mm of travel left, and will after the work.",
+         "After the let-off, the key has 0.5 mm of travel left, now and after the work.",
          "After the let-off, the key has 0.5 mm of travel left, as before."),
         (0.0, 0.5,
          "The hammer does not let off before the key is at its end; after the work, the key will "
@@ -114,7 +114,7 @@ NAN = float("nan")
          "After the let-off, the key has 0.5 mm of travel left; before, the hammer did not let "
          "off."),
         (0.0, -0.1,
-         "The hammer does not let off before the key is at its end, and will after the work.",
+         "The hammer does not let off before the key is at its end, now and after the work.",
          "The hammer does not let off before the key is at its end, as before."),
         (NAN, 0.5, "After the work, the key will have 0.5 mm of travel left after the let-off.",
          "After the let-off, the key has 0.5 mm of travel left."),

@@ -57,7 +57,7 @@ def static_figure(
     if s.has_let_off:
         axes.plot([1e3 * s.let_off_travel], [s.let_off_force], "o", color=PRESS, ms=6)
         axes.annotate(
-            f"let-off {1e3 * ruled.let_off:.1f} mm from the string\npeak {s.let_off_force:.2f} N",
+            f"let-off {1e3 * ruled.let_off:.1f} mm\nfrom the string,\npeak {s.let_off_force:.2f} N",
             (1e3 * s.let_off_travel, s.let_off_force),
             xytext=(-14, 16),
             textcoords="offset points",
