@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 
 from feltmb import _core
@@ -58,7 +57,11 @@ def export_felt_c(
             "package anew"
         )
     made = make_folder(Path(folder))
-    write_file(made / "felt.txt", lambda path: path.write_text(text), force=force)
-    for source in (header, library):
-        write_file(made / source.name, lambda path, s=source: shutil.copyfile(s, path), force=force)
+    files = {"felt.txt": text.encode(), **{p.name: p.read_bytes() for p in (header, library)}}
+    for name, data in files.items():
+
+        def write(path: Path, data: bytes = data) -> None:
+            path.write_bytes(data)
+
+        write_file(made / name, write, force=force)
     return made / library.name
