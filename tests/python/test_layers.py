@@ -34,7 +34,7 @@ MAY_USE = {
         "batch": "core numeric fiber contact beam modal ode planar model sensitivity",
         "bindings": "core numeric fiber contact beam modal ode planar model sensitivity batch",
         "fmu": "core numeric fiber contact beam modal ode planar model",
-        "c": "core numeric fiber contact",
+        "c": "core numeric fiber contact beam modal planar",
         "wasm": "core numeric fiber contact beam modal ode planar model",
         "bench": "core numeric fiber contact beam modal ode planar model sensitivity batch",
     },

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -154,12 +154,18 @@ def _by_blank(path: Path, force: Array, options: ReadOptions) -> Array:
     from scipy.optimize import isotonic_regression
 
     quantities = ("displacement", "thickness"), ("force",)
-    own: dict[str, Any] = {
-        key: {q: text for q, text in getattr(options, key).items() if q in sum(quantities, ())}
-        for key in ("columns", "units", "scales", "origins")
-    }
+
+    def own(given: Mapping[str, str]) -> dict[str, str]:
+        return {q: text for q, text in given.items() if q in sum(quantities, ())}
+
+    of_blank = ReadOptions(
+        columns=own(options.columns),
+        units=own(options.units),
+        scales=own(options.scales),
+        origins=own(options.origins),
+    )
     try:
-        blank = read_test(path, *quantities, options=ReadOptions(**own))
+        blank = read_test(path, *quantities, options=of_blank)
     except DataError as error:
         raise InvalidParameter(f"frame: {error}") from None
     x = -blank.x if blank.compression == "thickness" else blank.x

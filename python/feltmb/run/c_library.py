@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from functools import partial
 from pathlib import Path
 
 from feltmb import _core
@@ -59,11 +57,11 @@ def export_felt_c(
             "package anew"
         )
     made = make_folder(Path(folder))
+    files = {"felt.txt": text.encode(), **{p.name: p.read_bytes() for p in (header, library)}}
+    for name, data in files.items():
 
-    def write_text(path: Path) -> None:
-        path.write_text(text)
+        def write(path: Path, data: bytes = data) -> None:
+            path.write_bytes(data)
 
-    write_file(made / "felt.txt", write_text, force=force)
-    for source in (header, library):
-        write_file(made / source.name, partial(shutil.copyfile, source), force=force)
+        write_file(made / name, write, force=force)
     return made / library.name
