@@ -131,6 +131,11 @@ def functions_with(names: set[str], files: dict[str, str]) -> set[str]:
 # ---------------------------------------------------------------- tests
 
 
+def _name(item: pytest.Item) -> str:
+    """Name of a test with its path from the top of the repository."""
+    return f"{item.path.relative_to(ROOT)}::{item.nodeid.split('::', 1)[1]}"
+
+
 class Calls:
     """A plugin of pytest: the functions of the package that each test calls, and its time."""
 
@@ -155,7 +160,7 @@ class Calls:
             return (yield)
         finally:
             sys.settrace(None)
-            self.shared[item.nodeid.split("::")[0]] |= self._names()
+            self.shared[_name(item).split("::")[0]] |= self._names()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
@@ -163,11 +168,11 @@ class Calls:
         self.now, began = set(), time.process_time()
         sys.settrace(self._trace)
         try:
-            return (yield)
+            yield
         finally:
             sys.settrace(None)
-            spent = time.process_time() - began
-            self.tests[item.nodeid] = {"seconds": round(spent, 3), "calls": sorted(self._names())}
+        spent = time.process_time() - began  # a test that fails without a mutant is left out
+        self.tests[_name(item)] = {"seconds": round(spent, 3), "calls": sorted(self._names())}
 
 
 def tests_of_functions(folders: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, float]]:
@@ -200,10 +205,14 @@ def killed(copy: Path, tests: Sequence[str], seconds: float) -> bool:
     """Whether a test fails with the copy of the package, or takes too long."""
     child = os.fork()
     if child:
-        return os.waitpid(child, 0)[1] != 0
+        status = os.waitpid(child, 0)[1]
+        if os.WIFEXITED(status) and os.WEXITSTATUS(status) > pytest.ExitCode.INTERNAL_ERROR:
+            raise SystemExit(f"the tests are not found: delete {KNOWN}")
+        return status != 0
     code = 1
     try:
         used = int(time.process_time())
+        time.monotonic = time.process_time  # limits of time on a busy machine
         resource.setrlimit(resource.RLIMIT_CPU, (used + int(seconds) + 1, used + int(seconds) + 3))
         os.environ["PYTHONPATH"] = os.pathsep.join([str(copy), os.environ.get("PYTHONPATH", "")])
         sys.path.insert(0, str(copy))
@@ -214,7 +223,7 @@ def killed(copy: Path, tests: Sequence[str], seconds: float) -> bool:
         os.dup2(nothing, 2)
         code = int(pytest.main(["-q", "-x", "-p", "no:cacheprovider", *tests]))
     finally:
-        os._exit(min(code, 1))
+        os._exit(code)
 
 
 def main() -> None:

@@ -266,17 +266,23 @@ def mcnemar(first: int, second: int) -> float:
     return min(1.0, 2.0 * sum(math.comb(n, i) for i in range(k + 1)) / 2.0**n)
 
 
-def _covered(cases: Sequence[Marked]) -> tuple[int, int]:
-    """Intervals that contain the truth, and all intervals of known truth."""
-    hits = total = 0
+#: Words in the name of an effect that is an error of a sensor or of a recorded input.
+OF_RECORDS = (" of sensor ", " of input ", "clock")
+
+
+def _covered(cases: Sequence[Marked]) -> dict[str, tuple[int, int]]:
+    """Intervals that contain the truth, and all intervals of known truth, by kind."""
+    found = dict.fromkeys(("all", "parameters", "effects", "errors of the records"), (0, 0))
     for c in cases:
         pairs = [(c.answer.parameters, c.truth.numbers), (c.answer.magnitudes, c.truth.sizes)]
-        for told, true in pairs:
+        for (told, true), kind in zip(pairs, ("parameters", "effects"), strict=True):
             for name, (_, low, high) in told.items():
                 if name in true and math.isfinite(low) and math.isfinite(high):
-                    total += 1
-                    hits += low <= true[name] <= high
-    return hits, total
+                    error = kind == "effects" and any(w in name for w in OF_RECORDS)
+                    for k in ("all", "errors of the records" if error else kind):
+                        hits, total = found[k]
+                        found[k] = hits + (low <= true[name] <= high), total + 1
+    return found
 
 
 def _gains(cases: Sequence[Marked]) -> list[float]:
@@ -306,10 +312,11 @@ def table(cases: Sequence[Marked]) -> dict[str, str]:
     unknown = sum(c.answer.verdict == "UNKNOWN" for c in effects)
     if effects:
         rows["effects: silent with UNKNOWN"] = f"{unknown} of {len(effects)}"
-    hits, total = _covered(cases)
-    rows["intervals that cover"] = f"{hits} of {total}" + (
-        f" ({hits / total:.0%})" if total else ""
-    )
+    for kind, (hits, total) in _covered(cases).items():
+        if total or kind == "all":
+            of = "" if kind == "all" else f": {kind}"
+            share = f" ({hits / total:.0%})" if total else ""
+            rows[f"intervals that cover{of}"] = f"{hits} of {total}{share}"
     spent = [c.answer.seconds for c in cases if math.isfinite(c.answer.seconds)]
     if spent:
         rows["CPU s, median / most"] = f"{median(spent):.1f} / {max(spent):.0f}"

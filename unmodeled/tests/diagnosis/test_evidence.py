@@ -102,7 +102,8 @@ def test_a_discrepancy_counts_as_a_few_samples():
         problem, fitted = _fitted(95.0, 10.0, spring_record("fit", 2, foreign=foreign, seed=5))
         counts.append(float((weights(problem, fitted, fitted) * problem.samples)[0]))
     assert counts[0] > 100.0
-    assert counts[1] <= 1.2 * TRUSTED
+    assert 40.0 < counts[1] < 75.0  # as 60 in the search, and as 20 for a name
+    assert (STRICT, TRUSTED) == (20.0, 60.0)
 
 
 def test_the_channels_of_a_record_share_one_discrepancy():

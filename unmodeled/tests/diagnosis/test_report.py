@@ -305,6 +305,13 @@ def test_a_place_that_explains_little_is_not_told(report):
     assert "tip joint" not in replace(report, places=weak).text()
 
 
+def test_a_force_resembles_the_first_law_only(report):
+    laws = (("sign of the speed", 0.8), ("cube of the speed", 0.7))
+    text = replace(report, places=(replace(report.places[0], resembles=laws),)).text(200)
+    assert "it would resemble the sign of the speed (80 % of it)" in text
+    assert "cube of the speed" not in text
+
+
 def test_equal_numbers_are_not_opposed(report):
     """What remains, 1.04 %, and what would be good enough, 1 %, have the same digits."""
     little = replace(report.channels[0], explained=5.2e-3)
@@ -384,6 +391,12 @@ def test_parameters_are_changes_within_or_outside_their_tolerance(report):
     named = NamedCause("m", "arm", "kg", 1.017, 1.015, 1.019, 0.99, parameter=True, changes="m")
     once = replace(found, verdict=Verdict.NAMED, named=(named,))
     assert [(c.name, c.tier) for c in once.changes] == [("m", "named"), ("f", "fitted")]
+    assert once.changes[0].tabulated == 1.0
+    assert once.changes[0].size == pytest.approx(0.017)
+    # An effect that changes the same number begins at zero.
+    gain = replace(named, unit="1", magnitude=0.017, low=0.01, high=0.02, parameter=False)
+    (first, _) = replace(once, named=(gain,)).changes
+    assert (first.tabulated, first.size) == (0.0, 0.017)
 
 
 def test_a_size_has_the_unit_of_its_owner(report):

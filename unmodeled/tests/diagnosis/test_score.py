@@ -9,10 +9,12 @@ import pytest
 
 from unmodeled import Effect, LinearModel, Parameter
 from unmodeled.search.fit import Start, empty_point, fit_sets
+from unmodeled.search.linear import EvaluationRequest, evaluate
 from unmodeled.search.options import Options
 from unmodeled.search.problem import Member
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.score import ALIKE, by_record, directions, equivalents, pairs, scores
+from unmodeled.search.search import start_from
 
 from .conftest import SIGMA, spring_record
 
@@ -137,3 +139,41 @@ def test_the_size_in_each_record_is_that_of_the_record():
     assert values[2] - values[1] == pytest.approx(1.0, abs=4.0 * sd[0])
     assert np.all(sd < 0.4)
     assert np.all(np.linalg.eigvalsh(covariance) > 0.0)
+
+
+def test_a_larger_set_begins_with_the_derivatives_that_are_known():
+    """Those of the smaller set and of the score are those of the larger set, without a run."""
+    problem, alone, at = fitted([CUBIC, EVEN, WRONG_SIGN], sd=1e3)
+    seen = {s.cause: s for s in scores(problem, alone, directions(problem, alone))}
+    members = (Member(at["even"]),)
+    start = start_from(problem, members, alone, (seen[at["even"]],))
+    (point, *_) = start.points
+    assert point.x == pytest.approx([alone.point.x[0], 0.0])
+    (known,) = start.known
+    (exact,) = evaluate(problem, [EvaluationRequest(members, point, problem.fit)])[0]
+    assert known.residual == pytest.approx(exact.residual)
+    assert known.by_global == pytest.approx(exact.by_global, rel=1e-5, abs=1e-9)
+    # A magnitude of the wrong sign has no derivative, and a large one begins at its size.
+    wrong = seen[at["one-sided"]]
+    assert start_from(problem, (Member(at["one-sided"]),), alone, (wrong,)).known == ()
+    far = replace(seen[at["even"]], step=3.0)
+    start = start_from(problem, members, alone, (far,))
+    assert start.known == ()
+    assert start.points[0].x[1] == 3.0
+    # A released parameter adds no unknown, so that the derivatives stay.
+    released = start_from(problem, (Member(at["k"]),), alone, (seen[at["k"]],))
+    assert released.known[0].by_global == pytest.approx(alone.linears[0].by_global)
+
+
+def test_a_model_that_is_far_off_is_also_left_from_the_tabulated_parameters():
+    records = [spring_record("fit", 2, foreign=8.0, seed=5)]
+    problem, alone, at = fitted([CUBIC, EVEN], records=records)
+    poor = replace(alone)
+    poor.__dict__["effective"] = 0.1
+    score = next(s for s in scores(problem, alone, directions(problem, alone))
+                 if s.cause == at["cubic"])  # fmt: skip
+    points = start_from(problem, (Member(at["cubic"]),), poor, (score,)).points
+    assert [p.x[0] for p in points] == pytest.approx([alone.point.x[0], 0.0])
+    assert abs(points[1].x[1]) == 1.0
+    poor.__dict__["effective"] = 0.9
+    assert len(start_from(problem, (Member(at["cubic"]),), poor, (score,)).points) == 1
