@@ -95,6 +95,16 @@ constexpr OutputInfo kInfo[kOutputs] = {
     {"dissipated.damper", "J", "heat in the damper so far"},
 };
 
+/// Largest size of a signal at a hundred places of a run; never zero, to scale errors by.
+double largest_size(const Profile& signal, double duration) {
+  constexpr int places = 100;
+  double largest = 1e-3;
+  for (int i = 0; i <= places; ++i) {
+    largest = std::max(largest, std::fabs(signal.value(duration * i / places)));
+  }
+  return largest;
+}
+
 class Run {
  public:
   Run(const Actuator& actuator, const Profile& torque, const ActuatorOptions& options)
@@ -107,10 +117,7 @@ class Run {
     if (d_.damper != DamperKind::kNone) {
       damper_.emplace(d_.damping / (reach_ * reach_), d_.damper == DamperKind::kOneSided);
     }
-    largest_torque_ = 1e-3;
-    for (double t = 0.0; t <= options.duration; t += 0.01 * options.duration) {
-      largest_torque_ = std::max(largest_torque_, std::fabs(torque.value(t)));
-    }
+    largest_torque_ = largest_size(torque, options.duration);
   }
 
   ActuatorRun run() {
@@ -193,12 +200,9 @@ class Run {
           {as_vector(weight_), [this](double time) { return field(time); }, std::fabs(d_.gravity)});
     }
     if (d_.action_force) {
-      double largest = 1e-3;
-      for (double s = 0.0; s <= options_.duration; s += 0.01 * options_.duration) {
-        largest = std::max(largest, std::fabs(d_.action_force->value(s)));
-      }
       drives.push_back({as_vector(-tip_),
-                        [this](double time) { return d_.action_force->value(time); }, largest});
+                        [this](double time) { return d_.action_force->value(time); },
+                        largest_size(*d_.action_force, options_.duration)});
     }
     modal::ModalStepperOptions o;
     o.interval = interval;

@@ -244,6 +244,10 @@ void MechanismSystem::rhs(double t, std::span<const double> y, std::span<double>
   const auto& largest = dynamics_.largest_compression();
   std::copy(largest.begin(), largest.end(), rhs_largest_.begin());
   fresh_ = true;
+  read_rates(y, rate);
+}
+
+void MechanismSystem::read_rates(std::span<const double> y, std::span<double> rate) const {
   const MechanicalState p = parts(y);
   const std::size_t n = as_index(n_);
   const std::size_t modes = as_index(active_modes());

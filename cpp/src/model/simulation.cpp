@@ -357,96 +357,39 @@ class Simulator {
   }
 
   RunResult run() {
-    if (modal_) system_.allow_free_strings();
-    locator_.start(0.0, state_.y);
-    system_.rhs(0.0, state_.y, scratch_);
-    for (auto& watch : state_.watches) watch.start(system_);
-    if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, state_.y);
-    if (current() == nullptr) {
-      (system_.strings_apart() ? apart_ : whole_) = make_integrator(!system_.strings_apart());
-    }
-    Integrator* integrator = current();
-    start_at(*integrator, 0.0);
-    sample(0.0, state_.y);
-    if (!state_.broken.empty()) {
-      throw InvalidParameter("start state: " + state_.broken +
-                             "; is the run that it is from damaged?");
-    }
-    if (options_.on_step) options_.on_step(0.0, state_.y, largest(), system_.strings_apart());
-
+    Integrator* integrator = set_out();
     std::size_t next_stop = 0;
-    bool going = true;
-    long steps = 0;
-    while (going) {
-      StepStatus status = StepStatus::kFailed;
-      ErrorCode code = ErrorCode::kNotConverged;
-      std::string thrown;
-      try {
-        status = integrator->step(state_.stops[next_stop].time);
-      } catch (const Error& error) {
-        code = error.code();
-        thrown = error.what();
-      }
-      if (status == StepStatus::kFailed) {
-        fail(*integrator, code, thrown.empty() ? integrator->message() : thrown);
-        break;
-      }
-      ++steps;
-      // First, since they read the contacts of the last right-hand side.
-      const double reached = integrator->time();
-      if (state_.ledger.size() > 0) {
-        system_.powers(reached, integrator->state(), power_);
-        read_felts(felt_after_);
-      }
-      Reversal reversal = find_reversal(*integrator);
-      const double strike = find_strike(*integrator);
-      if (strike < reversal.time) reversal.contact = -1;
-      const bool struck = strike < reached && reversal.contact < 0;
-      const double now = reversal.contact >= 0 ? reversal.time : struck ? strike : reached;
-      if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
-        sample_until(*integrator, now);
-        fail_at(now, ErrorCode::kBeyondString, beyond);
-        break;
-      }
-      for (auto& watch : state_.watches) watch.look(system_, *integrator, now, scratch_);
-      for (const Crossing& crossing : locator_.scan(*integrator, now)) {
-        record_event(*integrator, crossing);
-      }
-      if (state_.ledger.size() > 0) advance_ledger(*integrator, now, reversal);
-      sample_until(*integrator, now);
-      if (!state_.broken.empty()) {
-        fail_at(state_.last_sample, ErrorCode::kNotFinite, state_.broken);
-        break;
-      }
-      if (now < reached) state_.ledger.cut(now);
+    for (long steps = 1;; ++steps) {
+      const RunState::Stop& stop = state_.stops[next_stop];
+      const StepStatus status = step(*integrator, stop.time);
+      if (status == StepStatus::kFailed) break;
+      const StepEnd end = find_end(*integrator);
+      if (!record_step(*integrator, end)) break;
       if (options_.diagnose && steps % 4 == 0) diagnose(*integrator);
       const bool free = system_.strings_apart();
-      if (reversal.contact >= 0) {
-        restart_at(*integrator, reversal);
-      } else if (struck) {
-        integrator = meet_strings(*integrator, strike);
+      if (end.reversal.contact >= 0) {
+        restart_at(*integrator, end.reversal);
+      } else if (end.struck) {
+        integrator = meet_strings(*integrator, end.now);
       }
       if (options_.on_step) {
-        write_whole(now, integrator->state(), state_.y);
-        options_.on_step(now, state_.y, largest(), free);
+        write_whole(end.now, integrator->state(), state_.y);
+        options_.on_step(end.now, state_.y, largest(), free);
       }
-      if (reversal.contact >= 0 || struck) {
+      if (end.reversal.contact >= 0 || end.struck) {
         // has been started anew
       } else if (status == StepStatus::kStop) {
-        const bool restart = state_.stops[next_stop].restart;
-        ++next_stop;
-        if (next_stop == state_.stops.size()) {
-          going = false;
-        } else if (restart) {
+        if (++next_stop == state_.stops.size()) break;
+        if (stop.restart) {
           // The slope of the input jumps here: the multistep history is void.
           std::copy(integrator->state().begin(), integrator->state().end(), state_.y.begin());
-          start_at(*integrator, now);
+          start_at(*integrator, end.now);
           ++state_.result.restarts;
         }
       } else if (state_.leaving) {
         integrator = leave_strings(*integrator);
       }
-      if (going && !may_go_on(*integrator, steps)) going = false;
+      if (!may_go_on(*integrator, steps)) break;
     }
     finish(*integrator);
     return std::move(state_.result);
@@ -510,6 +453,83 @@ class Simulator {
     double time = std::numeric_limits<double>::infinity();
     double compression = 0.0;
   };
+
+  /// Where the last step ends, or is cut.
+  struct StepEnd {
+    Reversal reversal;    ///< that cuts it
+    bool struck = false;  ///< a free string is met
+    double now = 0.0;     ///< [s]
+  };
+
+  /// Everything that comes before the first step; the integrator that takes it.
+  Integrator* set_out() {
+    if (modal_) system_.allow_free_strings();
+    locator_.start(0.0, state_.y);
+    system_.rhs(0.0, state_.y, scratch_);
+    for (auto& watch : state_.watches) watch.start(system_);
+    if (modal_ && system_.strings_clear(0.0, kClear)) system_.part_strings(0.0, state_.y);
+    auto& integrator = system_.strings_apart() ? apart_ : whole_;
+    if (!integrator) integrator = make_integrator(!system_.strings_apart());
+    start_at(*integrator, 0.0);
+    sample(0.0, state_.y);
+    if (!state_.broken.empty()) {
+      throw InvalidParameter("start state: " + state_.broken +
+                             "; is the run that it is from damaged?");
+    }
+    if (options_.on_step) options_.on_step(0.0, state_.y, largest(), system_.strings_apart());
+    return integrator.get();
+  }
+
+  /// One step of the integrator; a failure is told in the result.
+  StepStatus step(Integrator& integrator, double stop) {
+    try {
+      const StepStatus status = integrator.step(stop);
+      if (status == StepStatus::kFailed) {
+        fail(integrator, ErrorCode::kNotConverged, integrator.message());
+      }
+      return status;
+    } catch (const Error& error) {
+      fail(integrator, error.code(), error.what());
+      return StepStatus::kFailed;
+    }
+  }
+
+  StepEnd find_end(const Integrator& integrator) {
+    // First, since they read the contacts of the last right-hand side.
+    const double reached = integrator.time();
+    if (state_.ledger.size() > 0) {
+      system_.powers(reached, integrator.state(), power_);
+      read_felts(felt_after_);
+    }
+    StepEnd end{find_reversal(integrator), false, reached};
+    const double strike = find_strike(integrator);
+    if (strike < end.reversal.time) end.reversal.contact = -1;
+    end.struck = strike < reached && end.reversal.contact < 0;
+    if (end.reversal.contact >= 0) end.now = end.reversal.time;
+    if (end.struck) end.now = strike;
+    return end;
+  }
+
+  /// Peaks, events, ledger and samples of the last step; false if it shows a fault.
+  bool record_step(const Integrator& integrator, const StepEnd& end) {
+    if (std::string beyond = system_.dynamics().beyond_string(); !beyond.empty()) {
+      sample_until(integrator, end.now);
+      fail_at(end.now, ErrorCode::kBeyondString, beyond);
+      return false;
+    }
+    for (auto& watch : state_.watches) watch.look(system_, integrator, end.now, scratch_);
+    for (const Crossing& crossing : locator_.scan(integrator, end.now)) {
+      record_event(integrator, crossing);
+    }
+    if (state_.ledger.size() > 0) advance_ledger(integrator, end.now, end.reversal);
+    sample_until(integrator, end.now);
+    if (!state_.broken.empty()) {
+      fail_at(state_.last_sample, ErrorCode::kNotFinite, state_.broken);
+      return false;
+    }
+    if (end.now < integrator.time()) state_.ledger.cut(end.now);
+    return true;
+  }
 
   /// Gap beyond which a string is left to itself [m]: more than an opening contact bounces over.
   static constexpr double kClear = 1e-4;
@@ -635,8 +655,6 @@ class Simulator {
 
   /// Of each integral of the ledger that counts as nothing, over rtol [J].
   static constexpr double kLedgerTolerance = 1e-3;
-
-  Integrator* current() { return system_.strings_apart() ? apart_.get() : whole_.get(); }
 
   /// The part of a whole state that is integrated now.
   std::span<const double> state_of(const std::vector<double>& y) const {
@@ -1310,16 +1328,7 @@ struct Stepper::Impl {
 Stepper::Stepper(const std::shared_ptr<const Mechanism>& mechanism, InputKind kind,
                  const StepperOptions& options, const std::vector<Monitor>& monitors) {
   StepState rest;
-  const Equilibrium e = find_equilibrium(mechanism);
-  const auto put = [&](const auto& values) {
-    rest.machine.y.insert(rest.machine.y.end(), values.begin(), values.end());
-  };
-  put(e.q);
-  rest.machine.y.resize(2 * e.q.size(), 0.0);
-  put(e.law);
-  put(e.eta);
-  rest.machine.y.resize(rest.machine.y.size() + e.eta.size(), 0.0);
-  rest.machine.largest_compression = e.largest_compression;
+  rest.machine = SimulationState::of(find_equilibrium(mechanism));
   rest.drive.kind = kind;
   impl_ = std::make_unique<Impl>(mechanism, kind, options, monitors, std::move(rest));
   impl_->state.drive.kind = kind;

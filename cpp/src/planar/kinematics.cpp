@@ -5,6 +5,111 @@
 #include "feltmb/planar/dynamics.hpp"
 
 namespace feltmb {
+namespace {
+
+/// Gap of the surfaces for which it takes a line of arithmetic; of others, -1.
+double quick_gap(const Contact& contact, bool grounded, Rotation rotation, Vec2 d) {
+  if (contact.kind == PairKind::kLineCircle) {
+    return dot(grounded ? contact.normal_a : rotation * contact.normal_a, d) - contact.radius_b;
+  }
+  if (contact.kind == PairKind::kCircleCircle) return norm(d) - contact.radius_a - contact.radius_b;
+  if (contact.kind == PairKind::kConcaveCircle) {
+    return contact.radius_a - contact.radius_b - norm(d);
+  }
+  return -1.0;
+}
+
+/// The surface on link a, turned by `rotation`, against a circle whose center is d from `base`:
+/// writes where it is met, and gives the compression.
+struct Surface {
+  const Contact& contact;
+  Rotation rotation;
+  Vec2 base;
+  Vec2 d;
+  ContactState& state;
+
+  double compression() const {
+    switch (contact.kind) {
+      case PairKind::kLineCircle:
+        return on_line(contact.normal_a, 0.0);
+      case PairKind::kCircleCircle:
+        return on_circle(1.0);
+      case PairKind::kConcaveCircle:
+        return on_circle(-1.0);
+      case PairKind::kSegmentCircle:
+        return on_segment();
+      case PairKind::kConcaveArcCircle:
+        return on_concave_arc();
+      case PairKind::kHybridCircle:
+        return on_hybrid();
+    }
+    return 0.0;
+  }
+
+  double on_line(Vec2 local_normal, double radius_a) const {
+    state.normal = rotation * local_normal;
+    return radius_a + contact.radius_b - dot(state.normal, d);
+  }
+
+  double on_circle(double sign) const {
+    const double distance = turn_normal(d, base, sign);
+    state.part = 1;
+    return sign > 0.0 ? contact.radius_a + contact.radius_b - distance
+                      : distance + contact.radius_b - contact.radius_a;
+  }
+
+  double on_end(int end, double radius_a) const {
+    const Vec2 arm = rotation * contact.end[end];
+    const double distance = turn_normal(d - arm, base + arm, 1.0);
+    state.part = 2 + end;
+    return radius_a + contact.radius_b - distance;
+  }
+
+  double on_segment() const {
+    const Vec2 local = rotation.inverse(d);
+    if (dot(local, contact.arc_tangent[0]) > 0.0) return on_end(0, contact.radius_a);
+    if (dot(local - contact.end[1], contact.arc_tangent[1]) > 0.0) {
+      return on_end(1, contact.radius_a);
+    }
+    // A bar has two faces, a line that ends has one.
+    const bool behind = contact.radius_a > 0.0 && dot(local, contact.normal_a) < 0.0;
+    return on_line(behind ? -contact.normal_a : contact.normal_a, contact.radius_a);
+  }
+
+  double on_concave_arc() const {
+    const Vec2 local = rotation.inverse(d);
+    // Within the arc is what lies before both ends, of an arc beyond a half turn before one.
+    const bool past_first = dot(local, contact.arc_tangent[0]) > 0.0;
+    const bool past_second = dot(local, contact.arc_tangent[1]) > 0.0;
+    if (contact.more_than_half ? !(past_first && past_second) : !(past_first || past_second)) {
+      return on_circle(-1.0);
+    }
+    return on_end(norm(local - contact.end[1]) < norm(local - contact.end[0]) ? 1 : 0, 0.0);
+  }
+
+  double on_hybrid() const {
+    const Vec2 local = rotation.inverse(d);
+    const bool first = dot(local, contact.arc_tangent[0]) > 0.0;
+    const bool second = dot(local, contact.arc_tangent[1]) > 0.0;
+    if (!first && !second) return on_circle(1.0);
+    // Where both half-planes claim the center, the nearer boundary is the surface.
+    const bool use_second =
+        second && (!first || dot(local, contact.arc_normal[1]) > dot(local, contact.arc_normal[0]));
+    return on_line(contact.arc_normal[use_second ? 1 : 0], contact.radius_a);
+  }
+
+  /// The normal follows the line from `from` to the center, `arm` away; returns its length.
+  double turn_normal(Vec2 arm, Vec2 from, double sign) const {
+    const double distance = norm(arm);
+    state.turning_normal = true;
+    state.base = from;
+    state.curvature = distance > 1e-12 ? sign / distance : 0.0;
+    state.normal = distance > 1e-12 ? (sign / distance) * arm : Vec2{1.0, 0.0};
+    return distance;
+  }
+};
+
+}  // namespace
 
 double Dynamics::turn(std::size_t i) const {
   const Link& link = m_->links[i];
@@ -84,126 +189,33 @@ void Dynamics::locate_contact(std::size_t i, const MechanicalState& at_state, co
   const Vec2 center = b.origin + b.rotation * contact.b.local;
   const Vec2 base = grounded ? contact.a.local : a.origin + a.rotation * contact.a.local;
   const Vec2 d = center - base;
+  const auto leave_open = [&state](double compression) {
+    state.compression = compression;
+    state.closed = false;
+  };
   if (detail == Detail::kClosedContacts && contact.string_contact < 0 && !contact.finger) {
     // Most contacts are open, and then nothing but the gap is wanted.
-    double gap = -1.0;
-    if (contact.kind == PairKind::kLineCircle) {
-      const Vec2 normal = grounded ? contact.normal_a : a.rotation * contact.normal_a;
-      gap = dot(normal, d) - contact.radius_b;
-    } else if (contact.kind == PairKind::kCircleCircle) {
-      gap = norm(d) - contact.radius_a - contact.radius_b;
-    } else if (contact.kind == PairKind::kConcaveCircle) {
-      gap = contact.radius_a - contact.radius_b - norm(d);
-    }
-    if (gap >= 0.0) {
-      state.compression = -gap;
-      state.closed = false;
-      return;
-    }
+    const double gap = quick_gap(contact, grounded, a.rotation, d);
+    if (gap >= 0.0) return leave_open(-gap);
   }
   state.center = center;
   state.turning_normal = false;
   state.part = 0;
   state.curvature = 0.0;
-  double compression = 0.0;
-
-  const auto on_line = [&](Vec2 local_normal, double radius_a) {
-    state.normal = a.rotation * local_normal;
-    compression = radius_a + contact.radius_b - dot(state.normal, d);
-  };
-  const auto on_circle = [&](double sign) {
-    const double distance = norm(d);
-    state.turning_normal = true;
-    state.part = 1;
-    state.base = base;
-    state.curvature = distance > 1e-12 ? sign / distance : 0.0;
-    state.normal = distance > 1e-12 ? (sign / distance) * d : Vec2{1.0, 0.0};
-    compression = sign > 0.0 ? contact.radius_a + contact.radius_b - distance
-                             : distance + contact.radius_b - contact.radius_a;
-  };
-  const auto on_end = [&](int end, double radius_a) {
-    const Vec2 arm = a.rotation * contact.end[end];
-    const Vec2 from_end = d - arm;
-    const double distance = norm(from_end);
-    state.turning_normal = true;
-    state.part = 2 + end;
-    state.base = base + arm;
-    state.curvature = distance > 1e-12 ? 1.0 / distance : 0.0;
-    state.normal = distance > 1e-12 ? (1.0 / distance) * from_end : Vec2{1.0, 0.0};
-    compression = radius_a + contact.radius_b - distance;
-  };
-
-  switch (contact.kind) {
-    case PairKind::kLineCircle:
-      on_line(contact.normal_a, 0.0);
-      break;
-    case PairKind::kCircleCircle:
-      on_circle(1.0);
-      break;
-    case PairKind::kConcaveCircle:
-      on_circle(-1.0);
-      break;
-    case PairKind::kSegmentCircle: {
-      const Vec2 local = a.rotation.inverse(d);
-      if (dot(local, contact.arc_tangent[0]) > 0.0) {
-        on_end(0, contact.radius_a);
-      } else if (dot(local - contact.end[1], contact.arc_tangent[1]) > 0.0) {
-        on_end(1, contact.radius_a);
-      } else {
-        // A bar has two faces, a line that ends has one.
-        const bool behind = contact.radius_a > 0.0 && dot(local, contact.normal_a) < 0.0;
-        on_line(behind ? -contact.normal_a : contact.normal_a, contact.radius_a);
-      }
-      break;
-    }
-    case PairKind::kConcaveArcCircle: {
-      const Vec2 local = a.rotation.inverse(d);
-      // Within the arc is what lies before both ends, of an arc beyond a half turn before one.
-      const bool past_first = dot(local, contact.arc_tangent[0]) > 0.0;
-      const bool past_second = dot(local, contact.arc_tangent[1]) > 0.0;
-      const bool beyond =
-          contact.more_than_half ? past_first && past_second : past_first || past_second;
-      if (beyond) {
-        on_end(norm(local - contact.end[1]) < norm(local - contact.end[0]) ? 1 : 0, 0.0);
-      } else {
-        on_circle(-1.0);
-      }
-      break;
-    }
-    case PairKind::kHybridCircle: {
-      const Vec2 local = a.rotation.inverse(d);
-      const bool first = dot(local, contact.arc_tangent[0]) > 0.0;
-      const bool second = dot(local, contact.arc_tangent[1]) > 0.0;
-      if (!first && !second) {
-        on_circle(1.0);
-      } else {
-        // Where both half-planes claim the center, the nearer boundary is the surface.
-        const bool use_second = second && (!first || dot(local, contact.arc_normal[1]) >
-                                                         dot(local, contact.arc_normal[0]));
-        on_line(contact.arc_normal[use_second ? 1 : 0], contact.radius_a);
-      }
-      break;
-    }
-  }
+  double compression = Surface{contact, a.rotation, base, d, state}.compression();
 
   const bool active = contact.finger ? drive.kind == InputKind::kMotion : contact.enabled;
   double extra_rate = 0.0;
   if (contact.string_contact >= 0) {
     const AttachedString& attached =
         m_->string_of(m_->string_contacts[as_index(contact.string_contact)]);
-    if (strings_apart_) {
-      state.compression = compression;
-      state.closed = false;
-      return;
-    }
+    if (strings_apart_) return leave_open(compression);
     const auto own =
         at_state.eta.subspan(as_index(attached.offset), as_index(attached.string.modes()));
     // No string reaches further than the sum of its modes: far from it the shapes are not needed.
     if (detail == Detail::kClosedContacts &&
         compression + attached.string.largest_displacement(own) <= 0.0) {
-      state.compression = compression;
-      state.closed = false;
-      return;
+      return leave_open(compression);
     }
     locate_string(contact, state, d, at_state);
     compression -= state.string.displacement;

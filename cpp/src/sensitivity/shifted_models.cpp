@@ -204,8 +204,12 @@ bool ShiftedModels::told_by_parts(const Changes& changes, const Drive& drive) co
 void ShiftedModels::whole_rates(std::size_t j, double t, std::span<const double> y,
                                 std::span<const double> memory, RowMatrix& out) {
   three_.resize(static_cast<Eigen::Index>(y.size()));
-  if (!has_base_) base_rates(y);
-  has_base_ = true;
+  if (!has_base_) {
+    // The base was evaluated here to be linearized.
+    two_.resize(three_.size());
+    base_->read_rates(y, {two_.data(), y.size()});
+    has_base_ = true;
+  }
   const Node& node = beside(j, [&](const Node& each) {
     remember(*each.system, memory);
     each.system->rhs(t, y, {three_.data(), y.size()});
@@ -316,40 +320,6 @@ const Eigen::VectorXd& ShiftedModels::by_force(std::size_t contact) {
     return g.contact == static_cast<int>(contact);
   });
   return own->by_force;
-}
-
-void ShiftedModels::base_rates(std::span<const double> y) {
-  // What rhs() would give: the base was evaluated here to be linearized.
-  const Dynamics& dynamics = base_->dynamics();
-  const auto n = static_cast<std::size_t>(base_->coordinates());
-  two_.setZero(static_cast<Eigen::Index>(y.size()));
-  for (std::size_t k = 0; k < n; ++k) {
-    two_[static_cast<Eigen::Index>(k)] = y[n + k];
-    two_[static_cast<Eigen::Index>(n + k)] = dynamics.acceleration()[static_cast<Eigen::Index>(k)];
-  }
-  const auto& contacts = mechanism_->contacts;
-  for (std::size_t i = 0; i < contacts.size(); ++i) {
-    for (std::size_t j = 0; j < contacts[i].law.n_states(); ++j) {
-      const std::size_t row = 2 * n + static_cast<std::size_t>(contacts[i].first_state) + j;
-      two_[static_cast<Eigen::Index>(row)] = dynamics.law_states(i).rate[j];
-    }
-  }
-  for (std::size_t s = 0; s < mechanism_->strings.size(); ++s) {
-    const AttachedString& own = mechanism_->strings[s];
-    const double force = dynamics.string_force(own.first_contact);
-    const auto phi = dynamics.phi(own.first_contact);
-    const std::size_t eta = first_mode() + static_cast<std::size_t>(own.offset);
-    for (std::size_t i = 0; i < phi.size(); ++i) {
-      const double speed = y[eta + modes() + i];
-      two_[static_cast<Eigen::Index>(eta + i)] = speed;
-      two_[static_cast<Eigen::Index>(eta + modes() + i)] =
-          phi[i] * force - own.string.damping()[i] * speed - own.string.stiffness()[i] * y[eta + i];
-    }
-    for (int c = own.first_contact + 1; c < own.first_contact + own.contacts; ++c) {
-      modal::add_load(phi.size(), dynamics.phi(c).data(), dynamics.string_force(c),
-                      two_.data() + eta + modes());
-    }
-  }
 }
 
 void ShiftedModels::add_contact(std::size_t j, const Changes::OfContact& of, double t,

@@ -177,7 +177,6 @@ class ShiftedModels {
   void memory_rates(const Eigen::MatrixXd& memory_columns, RowMatrix& out, RowMatrix& loads);
   const Eigen::VectorXd& by_force(std::size_t contact);  ///< dQ/dF of a closed contact
   bool closed(std::size_t contact) const { return base_->dynamics().contacts()[contact].closed; }
-  void base_rates(std::span<const double> y);
 
   std::vector<int> condensed_;  ///< coordinates without an equation
   std::vector<std::vector<Node>> parameters_;

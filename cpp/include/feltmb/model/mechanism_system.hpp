@@ -82,6 +82,9 @@ class MechanismSystem : public OdeSystem {
   double string_heat(std::size_t string) const { return free_->heat(string); }
   std::string state_name(std::size_t i) const override;
   void rhs(double t, std::span<const double> y, std::span<double> rate) override;
+
+  /// The right-hand side at y, where everything was evaluated last.
+  void read_rates(std::span<const double> y, std::span<double> rate) const;
   void linearize(double t, std::span<const double> y) override;
   void linearize_stiff(double t, std::span<const double> y) override;
   bool factorize(double gamma) override;
