@@ -234,6 +234,45 @@ def test_a_wrong_unit_beside_a_constant_is_found(wrong, kind, told):
     assert told in hint.text
 
 
+@pytest.mark.parametrize(
+    ("wrong", "kind", "told"),
+    [
+        ({"inflow": 60.0}, "input", "0.0166667 times the values of inflow"),
+        ({"inflow": 1.0 / 3600.0}, "input", "3600 times the values of inflow"),
+        ({"drain": 100.0}, "input", "0.01 times the values of drain"),
+        ({"exchanged": True}, "exchange", "with inflow and rain exchanged: are their columns?"),
+    ],
+)
+def test_a_flow_in_another_unit_and_two_exchanged_inputs_are_found(wrong, kind, told):
+    model = unmodeled.Equations(
+        lambda t, x, u, p: (u.inflow + 0.2 * u.rain - p.a * u.drain * x.V,),
+        states={"V": (1.0, 0.01, "m^3")},
+        parameters={"a": (0.01, 5e-4, "1/s")},
+        inputs={"inflow": "m^3/s", "rain": "m^3/s", "drain": "1"},
+        name="tank",
+    )
+    time = np.arange(0.0, 600.0, 4.0)
+    records = []
+    for k in range(2):
+        inputs = {"inflow": 5e-3 * (1.0 + np.sin(0.02 * time + k)), "rain": 2e-3 * (time > 200.0),
+                  "drain": 0.6 + 0.3 * np.cos(0.03 * time + k)}  # fmt: skip
+        volume = np.ones(time.size)
+        for i in range(1, time.size):
+            u = {n: v[i - 1] for n, v in inputs.items()}
+            flow = u["inflow"] + 0.2 * u["rain"] - 0.01 * u["drain"] * volume[i - 1]
+            volume[i] = volume[i - 1] + 4.0 * flow
+        if wrong.get("exchanged"):
+            inputs |= {"inflow": inputs["rain"], "rain": inputs["inflow"]}
+        inputs = {n: v * wrong.get(n, 1.0) for n, v in inputs.items()}
+        units = {"inflow": "m^3/s", "rain": "m^3/s", "drain": "1"}
+        sensors = {"V": Sensor(name="V", unit="m^3", sigma=1e-3)}
+        records.append(Record(name=f"r{k}", time=time, inputs=inputs, outputs={"V": volume},
+                              sensors=sensors, input_units=units))  # fmt: skip
+    (hint,) = unmodeled.check(model, records).hints
+    assert hint.kind == kind
+    assert told in hint.text
+
+
 @pytest.mark.parametrize("zero", [273.15, -273.15])
 def test_a_start_that_is_not_known_does_not_hide_a_scale_of_temperature(zero):
     """The diagnosis named a constant inflow."""

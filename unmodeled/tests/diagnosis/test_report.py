@@ -529,9 +529,14 @@ def test_a_delay_says_what_is_late(report):
     pump = replace(early, cause="delay of input pump", component="input pump", kind="input")
     said = replace(report, classes=((pump, mass),)).summary()
     assert "the input pump acts 2.0 ms (1.0 to 3.0) later than recorded" in said
+    alone = replace(report, named=(replace(pump, by_record=(-0.0021, -0.0019)),), classes=())
+    assert "in each record 2.1, 1.9" in alone.text().replace("\n", " ").replace("  ", " ")
     slow = replace(sensor, cause="lag of sensor angle")
     said = replace(report, classes=((slow, mass),)).summary()
     assert "the sensor angle has a lag of 2.10 ms" in said
+    drive = replace(slow, cause="lag of input pump", component="input pump", kind="")
+    said = replace(report, classes=((drive, mass),)).summary()
+    assert "the input pump has a lag of 2.10 ms" in said
 
 
 def test_held_out_records_do_not_credit_causes_that_are_not_named(report):
@@ -546,8 +551,7 @@ def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
     gap = replace(
         report.named[0], cause="dead zone gearbox", component="gearbox",
         title="a dead zone gearbox", unit="N m/rad", magnitude=59.2, low=55.8, high=62.6,
-        by_record=(), shape=(0.00705,),
-        shape_names=("half width [rad]",),
+        by_record=(), shape=(0.00705,), shape_names=("half width [rad]",),
     )  # fmt: skip
     sets = (SetOfCauses(("dead zone gearbox",), 0.98, (0.011, 0.05), (59.2,)), *report.sets[-1:])
     without = (Without("dead zone gearbox", (0.04, 0.06), (0.011, 0.05)),)
@@ -556,3 +560,22 @@ def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
         "The gearbox has a dead zone of ±0.00705 rad, where the stiffness of 59.2 N m/rad (55.8 to "
         "62.6) does not act"
     )
+
+
+def test_records_of_noise_show_nothing(report):
+    bare = bare_report(report, Verdict.NO_GAP, sets=())
+    rest = tuple(replace(c, noise=1.0, motion=1.1) for c in bare.channels)
+    assert replace(bare, channels=rest).summary() == (
+        "The records do not show what may be missing: they hold nothing but noise."
+    )
+    moves = (replace(rest[0], motion=5.0), *rest[1:])
+    assert "nothing but noise" not in replace(bare, channels=moves).summary()
+
+
+def test_an_interrupted_search_is_told_and_notes_are_said_once(report):
+    notes = ("a: valve in percent", "b: valve in percent", "held out: c")
+    stopped = replace(report, reasons=(Reason.NOT_COMPLETE, Reason.INTERRUPTED), notes=notes)
+    text = stopped.text()
+    assert "The search was interrupted: what was not fitted may explain as much." in text
+    assert "limit of time" not in text
+    assert "- a, b: valve in percent\n- held out: c\n" in text

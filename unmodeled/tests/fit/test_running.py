@@ -1,5 +1,6 @@
 """Slow simulators: runs on executors, and runs that are kept in a folder."""
 
+import gc
 import json
 import math
 import subprocess
@@ -390,3 +391,21 @@ def test_the_command_line_keeps_runs(tmp_path, capsys, monkeypatch):
     assert answer == first.rstrip()
     number, total = line.split(" runs from the cache runs")[0].split(" of ")
     assert number == total
+
+
+def test_idle_processes_have_ended_when_a_model_is_forgotten():
+    """At the end of Python, a pool that was still closing its pipe raised an exception."""
+
+    def rig(time, inputs, parameters):
+        return {"y": parameters["a"] * time}
+
+    model = Simulator(rig, parameters={"a": (1.0, 0.1, "1")}, inputs=(), outputs=("y",),
+                                workers=2)  # fmt: skip
+    clock = np.linspace(0.0, 1.0, 20)
+    sensors = {"y": Sensor(name="y", unit="1", sigma=1e-3)}
+    model.ready([Record(name="r", time=clock, inputs={}, outputs={"y": clock}, sensors=sensors)])
+    thread = model._runner._pool._executor_manager_thread
+    assert thread.is_alive()
+    del model
+    gc.collect()
+    assert not thread.is_alive()

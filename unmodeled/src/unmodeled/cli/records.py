@@ -210,13 +210,10 @@ def _without_noise(comparison: Comparison) -> list[str]:
 
 def _print_notes(notes: Sequence[str]) -> None:
     """Print notes: first those that name an option; those with one text about several, as one."""
-    same: dict[str, list[str]] = {}
-    for note in sorted(notes, key=lambda text: "--" not in text):
-        subject, colon, text = note.partition(": ")
-        same.setdefault(text if colon else note, []).extend([subject] * bool(colon))
-    for text, subjects in same.items():
-        named = shortened(", ".join(dict.fromkeys(subjects)), 200)
-        say(f"Note: {named}: {text}" if named else f"Note: {text}")
+    from unmodeled.report.words import merged
+
+    for note in merged(sorted(notes, key=lambda text: "--" not in text)):
+        say(f"Note: {note}")
 
 
 # --- two files with two clocks -------------------------------------------------------------------

@@ -267,6 +267,22 @@ class Means:
     cache: Path | None = None
 
 
+#: Longest wait for processes that have nothing to do [s].
+IDLE = 2.0
+
+
+def _end(pool: Any) -> None:
+    """End the processes of a pool, without a wait for a run of the user's function.
+
+    At the end of Python a pool whose thread is just closing its pipe raised an exception.
+    """
+    thread = getattr(pool, "_executor_manager_thread", None)
+    busy = bool(getattr(pool, "_pending_work_items", ()))
+    pool.shutdown(wait=False, cancel_futures=True)
+    if thread is not None and not busy:
+        thread.join(IDLE)
+
+
 class Runner:
     """Computes runs and caches the results.
 
@@ -350,7 +366,7 @@ class Runner:
                 pool.shutdown(wait=False)
             self.notices.append(f"no process could be started ({error}): runs are made in this one")
             return
-        weakref.finalize(self, pool.shutdown, wait=False, cancel_futures=True)
+        weakref.finalize(self, _end, pool)
         self._pool = pool
 
     def first(self, run: Run) -> tuple[float, Array]:

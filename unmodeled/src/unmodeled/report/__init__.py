@@ -26,10 +26,12 @@ from unmodeled.report.words import (
     clause,
     interval,
     joined,
+    merged,
     number,
     part,
     percent,
     scale,
+    sign_of_delay,
     size_in,
     tabulated,
     times_noise,
@@ -69,6 +71,7 @@ REASONS = {
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",
     Reason.NOT_COMPLETE: "The search ended at its limit of time.",
+    Reason.INTERRUPTED: "The search was interrupted: what was not fitted may explain as much.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
     "than the tabulated one.",
 }
@@ -110,6 +113,8 @@ class _Section:
 def _statement(result: Result) -> str:
     """The first changes, what all of them take away, what remains, and whether that matters."""
     c = result.worst
+    if not result.changes and all(0.0 < x.motion <= NOISE * x.noise for x in result.channels):
+        return "The records do not show what may be missing: they hold nothing but noise."
     before, fitted, after = (part(c, v) for v in (c.tabulated, c.calibrated, c.explained))
     if math.isfinite(c.tabulated):
         misses = f"the model misses {before} of the motion of {c.name}"
@@ -244,7 +249,8 @@ def _item(c: Change) -> str:
         notes.append(f"{left}, and {less}")
     if len(c.by_record) > 1:
         factor, _ = scale(c.low, c.high, c.unit, relative=c.relative)
-        each = [number(factor * v, 0.5 * factor * (c.high - c.low)) for v in c.by_record]
+        shown, half = factor * (sign_of_delay(c) or 1.0), 0.5 * factor * (c.high - c.low)
+        each = [number(shown * v, half) for v in c.by_record]
         notes.append(f"in each record {', '.join(each)}")
     numbers = c.shape if isinstance(c.shape, tuple) else (c.shape,)
     for name, value in zip(c.shape_names, numbers, strict=False):
@@ -437,7 +443,7 @@ def _details(result: Result) -> Iterator[_Section]:
     yield _Section("Causes", head=("cause", "probability"), rows=rows)
     rows = [[p.name, tabulated(p), interval(p)] for p in result.parameters]
     yield _Section("Parameters", head=("parameter", "tabulated", "fitted, 95 %"), rows=rows)
-    notes = list(result.notes)
+    notes = merged(result.notes)
     if result.not_tried:
         more = len(result.not_tried) - ROWS
         notes.append(

@@ -9,6 +9,7 @@ import numpy as np
 
 from unmodeled.search.result import Change, Channel, NamedCause, ParameterValue
 from unmodeled.units import readable_unit
+from unmodeled.units.quantity import shortened
 
 #: Shares of a turn as words.
 TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters of a turn",
@@ -90,6 +91,16 @@ def joined(words: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
 
 
+def merged(notes: Sequence[str]) -> list[str]:
+    """Notes ``subject: text``; those with one text are one note about several subjects."""
+    same: dict[str, list[str]] = {}
+    for note in notes:
+        subject, colon, text = note.partition(": ")
+        same.setdefault(text if colon else note, []).extend([subject] * bool(colon))
+    named = {t: shortened(", ".join(dict.fromkeys(s)), 200) for t, s in same.items()}
+    return [f"{subjects}: {text}" if subjects else text for text, subjects in named.items()]
+
+
 # ---------------------------------------------------------------- changes
 
 
@@ -114,11 +125,11 @@ def _clause(c: Change) -> str:
     be, has, differs, acts = ("is", "has", "differs", "acts")
     if not sure:
         be, has, differs, acts = ("may be", "may have", "may differ", "may act")
+    fault, _, place = c.title.partition(" of ")
+    if fault == "lag" and place.startswith(("sensor ", "input ")) and " in " not in place:
+        return f"the {place} {has} a lag of {size}"
     if c.kind in ("sensor", "input"):
-        fault, _, place = c.title.partition(" of ")
-        if fault == "delay" and " in " not in place:
-            # The reading is late by the size, so that the machine is early against a late input.
-            sign = math.copysign(1.0, c.size)
+        if sign := sign_of_delay(c):
             early, late = sorted((sign * c.low, sign * c.high))
             of, name, low, high = _numbers(abs(c.size), early, late, c.unit, relative=False)
             size = f"{of}{name} ({low} to {high})"
@@ -127,8 +138,6 @@ def _clause(c: Change) -> str:
                     f"the {place} {acts} {size} {'earlier' if sign > 0 else 'later'} than recorded"
                 )
             return f"the {place} {be} {size} {'late' if sign > 0 else 'early'}"
-        if fault == "lag" and " in " not in place:
-            return f"the {place} {has} a lag of {size}"
         return f"{_with_article(c.title)} {be} off by {size}"
     thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:
@@ -137,7 +146,8 @@ def _clause(c: Change) -> str:
             return f"the effect {c.title} {has} a size of {size}"
         if c.shape_names and c.shape_names[0].startswith("half width ["):
             width = size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
-            zone = f"{_with_article(c.component)} {has} {what} of \N{PLUS-MINUS SIGN}{width}"
+            thing = c.component if len(c.component) == 1 else _with_article(c.component)
+            zone = f"{thing} {has} {what} of \N{PLUS-MINUS SIGN}{width}"
             return f"{zone}, where the stiffness of {size} does not act"
         if len(c.component) == 1:  # a letter may stand for anything
             return f"{what} of {size} {acts} on {c.component}"
@@ -155,6 +165,15 @@ def _clause(c: Change) -> str:
     factor, _ = scale(*ends, c.unit)
     before = number(factor * c.tabulated)
     return f"{thing} {be} {of}{name} ({low} to {high}{_also(c)}) instead of {before}"
+
+
+def sign_of_delay(c: Change) -> float:
+    """Sign of a delay, which is told without it; 0: it is no delay, or one in each record.
+
+    The reading is late by the size: if that of an input is early, the machine acts later.
+    """
+    told = c.kind in ("sensor", "input") and c.title.startswith("delay of ")
+    return math.copysign(1.0, c.size) if told and " in " not in c.title else 0.0
 
 
 def _with_article(name: str) -> str:

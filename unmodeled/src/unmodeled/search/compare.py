@@ -562,20 +562,41 @@ def _clocks(model: Model) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
 
 
 def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
-    """An input in another unit or direction: outputs with a constant do not have its factor."""
+    """An input in another unit or direction, or two of one unit in exchanged columns.
+
+    Outputs with a constant do not have the factor of an input.
+    """
 
     def scaled(record: Record, name: str, factor: float) -> Record:
         return record.with_changed_inputs(lambda whole: {name: factor * whole.inputs[name]})
 
+    def exchanged(record: Record, a: str, b: str) -> Record:
+        return record.with_changed_inputs(lambda whole: {a: whole.inputs[b], b: whole.inputs[a]})
+
     # A mechanism, whose steps follow the motion, may need very long.
     shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if model.states() else ()
-    for name, factor in itertools.product(sorted(shared), (1e3, 1e-3, -1.0)):
-        why = "is its unit another one" if factor > 0.0 else "has it the other direction"
+    units = {n: u for r, _ in runs for n, u in r.input_units.items()} | dict(model.units)
+    factors = {n: _factors_of_input(units.get(n, "")) for n in sorted(shared)}
+    for name, factor in ((n, f) for n, group in factors.items() for f in group):
+        why = "is its unit another one than its label" if factor > 0.0 else "the other direction"
         yield (
             Hint("input", (name,), f"the model follows all records with {factor:g} times the "
                  f"values of {name}: {why}?"),
             partial(scaled, name=name, factor=factor),
         )  # fmt: skip
+    for a, b in itertools.combinations(factors, 2):
+        if units.get(a) == units.get(b):
+            yield (
+                Hint("exchange", (a, b), f"the model follows all records with {a} and {b} "
+                     "exchanged: are their columns?"),
+                partial(exchanged, a=a, b=b),
+            )  # fmt: skip
+
+
+def _factors_of_input(unit: str) -> tuple[float, ...]:
+    """Factors by which an input may be wrong: thousand, direction, time of a rate, percent."""
+    rate = (60.0, 1.0 / 60.0, 3600.0, 1.0 / 3600.0) * unit.endswith("/s")
+    return 1e3, 1e-3, -1.0, *rate, *((100.0, 0.01) * (unit in ("", "1")))
 
 
 def _scales(rows: Sequence[Compared]) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
