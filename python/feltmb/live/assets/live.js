@@ -1020,8 +1020,8 @@ class Live {
     const [, rate] = entry("frames a second", given.frame_rate, "1000", v => {
       given.frame_rate = Number(v) > 0 ? Number(v) : null;
     });
-    const up = element("input", {type: "checkbox", onchange: () => { given.down = up.checked ? false : null; this.measure(); }});
-    up.checked = given.down === false;
+    const up = element("input", {type: "checkbox", onchange: () => { given.y_up = up.checked; this.measure(); }});
+    up.checked = Boolean(given.y_up);
     const set = text => { scale.value = text; put(given.scales, text); this.measure(); };
     return [element("p", {class: "group"}, scaleLabel, origin, rate, element("label", {}, up, " y counts upward")), this.ruler(set)];
   }
