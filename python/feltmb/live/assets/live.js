@@ -968,7 +968,7 @@ class Live {
   // Which column is which channel; empty: by its name.
   fillFiles() {
     const files = this.hello.files || [];
-    this.reading = this.reading || {columns: {}, units: {}, scales: {}, origins: {}, frame_rate: null, down: null};
+    this.reading = this.reading || {columns: {}, units: {}, scales: {}, origins: {}, frame_rate: null, y_up: false};
     if (!files.length) { this.fileBox.replaceChildren(); return; }
     const columns = [...new Set(files.flatMap(f => f.columns.map(c => c[0])))];
     const channels = ["time", "finger.force", "finger.displacement", ...this.hello.outputs.map(o => o[0])
