@@ -15,7 +15,8 @@ tests=(tests/python/run/test_machine.py tests/python/run/test_fmu.py
   tests/python/cli/test_help.py tests/python/mechanism/test_config.py
   tests/python/run/test_stroke.py
   # What depends on the version of Python most: asyncio and processes.
-  tests/python/live/test_server.py tests/python/gap/test_simulator.py)
+  tests/python/live/test_server.py)
+of_unmodeled=(unmodeled/tests/test_alone.py unmodeled/tests/fit/test_simulator.py)
 
 say() { printf '%s\n' "$*"; }
 
@@ -88,7 +89,8 @@ for python in "${pythons[@]}"; do
   unzip -l "$wheel" | grep -q _core_page.wasm ||
     say "$wheel: without the module of \`feltmb page\`; bash tools/wasm.sh builds it before"
   cp "$wheel" dist/
-  "$own" -m pip --disable-pip-version-check install --quiet "$wheel[test,fmi]"
+  # feltmb needs the unmodeled of its version, which is beside it.
+  "$own" -m pip --disable-pip-version-check install --quiet --find-links dist "$wheel[test,fmi]"
   # The interpreter sees the installed package only: no source of this clone is on its path.
   "$own" -I -c "
 import feltmb, pathlib
@@ -96,5 +98,6 @@ place = pathlib.Path(feltmb.__file__).resolve()
 assert 'site-packages' in place.parts, place
 print('feltmb', feltmb.__version__, 'from a wheel,', feltmb.simulate('steinway45', 'forte').summary['impact_speed'], 'm/s')"
   "$own" -m pytest -q -p no:cacheprovider "${tests[@]}"
+  "$own" -m pytest -q -p no:cacheprovider "${of_unmodeled[@]}"
 done
-say "wheels: $(cd dist && ls feltmb-*.whl | paste -s -d ' ')"
+say "wheels: $(cd dist && ls feltmb-*.whl unmodeled-*.whl | paste -s -d ' ')"

@@ -58,7 +58,7 @@ class _Reading(BaseModel):
     scales: Annotated[dict[Text, Text], Field(max_length=50)] = {}
     origins: Annotated[dict[Text, Text], Field(max_length=50)] = {}
     frame_rate: Annotated[float, Field(gt=0, le=1e9)] | None = None
-    down: bool | None = None
+    y_up: bool = False
 
     def options(self) -> ReadOptions:
         """The entries as options of ``gap check``."""

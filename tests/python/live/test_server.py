@@ -468,7 +468,7 @@ def test_pixels_and_frames_are_entered_and_a_new_page_is_empty(live, client):
             "scales": {"": "50 mm from 10 20 to 70 100"},
             "origins": {"": "start"},
             "frame_rate": 1000.0,
-            "down": False,
+            "y_up": True,
         }
         page.send("measure", id=5, files=[entry["file"]], reading=reading)
         found = page.until(lambda m: m["on"] == "measured" and m["id"] == 5)

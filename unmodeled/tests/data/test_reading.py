@@ -261,7 +261,7 @@ def test_columns_in_pixels_with_scale_and_origin(tmp_path):
     np.testing.assert_allclose(record.outputs["tip.y"], [0.0, 2e-3, 4e-3, 4e-3], atol=1e-15)
     assert record.sensors["tip.x"].delay == 0.004
     assert record.sensors["tip.y"].reference == "rest"
-    up = ReadOptions(**{**vars(options), "down": False, "origins": {"": "start"}})
+    up = ReadOptions(**{**vars(options), "y_up": True, "origins": {"": "start"}})
     record = read_record(put(tmp_path, PIXELS), **MODEL, options=up)
     np.testing.assert_allclose(record.outputs["tip.y"], [0, -2e-3, -4e-3, -4e-3], atol=1e-15)
 
@@ -576,7 +576,7 @@ def test_options_of_the_command_line():
         command.main([w for pair in words for w in pair], standalone_mode=False)
         return made[0]
 
-    told = options(column=("tip.x=Marker 3 X",), unit=("px", "time=ms"), time_offset=("12ms",))
+    told = options(column=("tip.x=Marker 3 X",), unit=("px", "time=ms"), delay=("12ms",))
     assert options(missing=("-9999", "1e30")).missing == (-9999.0, 1e30)
     assert told.columns == {"tip.x": "Marker 3 X"}
     assert told.units == {"": "px", "time": "ms"}
@@ -584,7 +584,7 @@ def test_options_of_the_command_line():
     for wrong in (
         {"column": ("tip.x",)},
         {"missing": ("none",)},
-        {"time_offset": ("soon",)},
+        {"delay": ("soon",)},
         {"reference": ("floor",)},
         {"unit": ("mm", "px")},
     ):

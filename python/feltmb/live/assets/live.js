@@ -955,7 +955,7 @@ class Live {
   // Which column is which channel; empty: by its name.
   fillFiles() {
     const files = this.hello.files || [];
-    this.reading = this.reading || {columns: {}, units: {}, scales: {}, origins: {}, frame_rate: null, down: null};
+    this.reading = this.reading || {columns: {}, units: {}, scales: {}, origins: {}, frame_rate: null, y_up: false};
     if (!files.length) { this.fileBox.replaceChildren(); return; }
     const columns = [...new Set(files.flatMap(f => f.columns.map(c => c[0])))];
     const channels = ["time", "finger.force", "finger.displacement", ...this.hello.outputs.map(o => o[0])
@@ -1007,8 +1007,8 @@ class Live {
     const [, rate] = entry("frames a second", given.frame_rate, "1000", v => {
       given.frame_rate = Number(v) > 0 ? Number(v) : null;
     });
-    const up = element("input", {type: "checkbox", onchange: () => { given.down = up.checked ? false : null; this.measure(); }});
-    up.checked = given.down === false;
+    const up = element("input", {type: "checkbox", onchange: () => { given.y_up = up.checked; this.measure(); }});
+    up.checked = Boolean(given.y_up);
     const set = text => { scale.value = text; put(given.scales, text); this.measure(); };
     return [element("p", {class: "group"}, scaleLabel, origin, rate, element("label", {}, up, " y counts upward")), this.ruler(set)];
   }
