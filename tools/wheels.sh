@@ -10,7 +10,7 @@ cd "$(dirname "$0")/.."
 
 unset PYTHONPATH # with a clone on it, pip takes its packages for installed ones
 work=build/wheels
-tests=(tests/python/run/test_machine.py tests/python/run/test_fmu.py
+tests=(tests/python/run/test_machine.py tests/python/run/test_fmu.py tests/python/run/test_c_library.py
   tests/python/package/test_import.py tests/python/run/test_simulate.py
   tests/python/cli/test_help.py tests/python/mechanism/test_config.py
   tests/python/run/test_stroke.py

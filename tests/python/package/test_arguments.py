@@ -587,6 +587,11 @@ CALLS = {
         "parameters": ["law.*"],
         "force": False,
     },
+    "feltmb.export_felt_c": lambda: {
+        "law": feltmb.contact.law("kelvin_voigt", stiffness=1e4),
+        "folder": "pad",
+        "force": False,
+    },
     "feltmb.export_fmu": lambda: {
         "action": pendulum(),
         "path": "unit.fmu",
