@@ -25,6 +25,8 @@ FLIGHT, ACCURACY = 2e-3, 2e-3
 MARGIN = 6.0  #: Distance of the last sample from the string, as a multiple of the noise.
 #: Uncertainty of the largest reading of a strike, share of the full scale [1].
 PEAK = 1e-3
+#: Error of the fitted readings by what the hammer does beside a free flight [1].
+MISFIT = 1e-3
 AWAY = 0.03  #: It has turned back when it is this far below its largest travel.
 
 
@@ -86,8 +88,8 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
     found = []
     for top in _turns(sensor.followed(samples["hammer"])):
         usual = np.interp(np.interp(1.0, setup.speeds, setup.peaks), sensor.travel, sensor.reading)
-        off = np.clip(reading[top] / usual - 1.0, -4.0 * sensor.gain, 4.0 * sensor.gain)
-        gain, shift, speed = 1.0 + float(off), 0.0, 1.0
+        more = np.clip(reading[top] / usual - 1.0, -4.0 * sensor.gain, 4.0 * sensor.gain)
+        gain, shift, speed = 1.0 + float(more), 0.0, 1.0
         for _ in range(4):
             travel = sensor.followed((reading / gain - sensor.low) / step) - shift
             rows = _flight(travel[: top + 1], noise, speed, setup)
@@ -109,11 +111,14 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
             speed = max(setup.reach * float(travel[rows[-1]] - travel[rows[0]])
                         / (end - float(time[rows[0]])), 0.1)  # fmt: skip
             start = 1e3 * setup.reach * (1.0 - float(travel[rows[-1]])) / speed
-            p = least_squares(errors, [start, speed, 0.0, 0.0], method="lm", ftol=1e-6, xtol=1e-6).x
+            fit = least_squares(errors, [start, speed, 0.0, 0.0], method="lm", ftol=1e-6, xtol=1e-6)
+            p, off = fit.x, noise * fit.fun[: rows.size]
             at, speed = end + 1e-3 * p[0], float(p[1])
             gain, shift = 1.0 + sensor.gain * p[2], sensor.shift * p[3]
         else:
-            found.append((at, speed))
+            # A hammer that turned back before the string does not move as one that struck.
+            if speed > 0.0 and np.sqrt(np.mean(off**2)) < 6.0 * noise + MISFIT:
+                found.append((at, speed))
     return found
 
 
