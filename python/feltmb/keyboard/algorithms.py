@@ -25,8 +25,8 @@ FLIGHT, ACCURACY = 2e-3, 2e-3
 MARGIN = 6.0  #: Distance of the last sample from the string, as a multiple of the noise.
 #: Uncertainty of the largest reading of a strike, share of the full scale [1].
 PEAK = 1e-3
-#: Error of the fitted readings by what the hammer does beside a free flight [1].
-MISFIT = 1e-3
+#: A unit has no larger errors of gain and place, in standard deviations of its tolerances.
+LARGEST = 5.0
 AWAY = 0.03  #: It has turned back when it is this far below its largest travel.
 
 
@@ -111,13 +111,12 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
             speed = max(setup.reach * float(travel[rows[-1]] - travel[rows[0]])
                         / (end - float(time[rows[0]])), 0.1)  # fmt: skip
             start = 1e3 * setup.reach * (1.0 - float(travel[rows[-1]])) / speed
-            fit = least_squares(errors, [start, speed, 0.0, 0.0], method="lm", ftol=1e-6, xtol=1e-6)
-            p, off = fit.x, noise * fit.fun[: rows.size]
+            p = least_squares(errors, [start, speed, 0.0, 0.0], method="lm", ftol=1e-6, xtol=1e-6).x
             at, speed = end + 1e-3 * p[0], float(p[1])
             gain, shift = 1.0 + sensor.gain * p[2], sensor.shift * p[3]
         else:
-            # A hammer that turned back before the string does not move as one that struck.
-            if speed > 0.0 and np.sqrt(np.mean(off**2)) < 6.0 * noise + MISFIT:
+            # Else it turned back before the string: the fit blames the unit.
+            if speed > 0.0 and np.abs(p[2:]).max() < LARGEST:
                 found.append((at, speed))
     return found
 
