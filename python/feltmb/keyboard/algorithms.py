@@ -25,6 +25,8 @@ FLIGHT, ACCURACY = 2e-3, 2e-3
 MARGIN = 6.0  #: Distance of the last sample from the string, as a multiple of the noise.
 #: Uncertainty of the largest reading of a strike, share of the full scale [1].
 PEAK = 1e-3
+#: A unit has no larger errors of gain and place, in standard deviations of its tolerances.
+LARGEST = 5.0
 AWAY = 0.03  #: It has turned back when it is this far below its largest travel.
 
 
@@ -86,8 +88,8 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
     found = []
     for top in _turns(sensor.followed(samples["hammer"])):
         usual = np.interp(np.interp(1.0, setup.speeds, setup.peaks), sensor.travel, sensor.reading)
-        off = np.clip(reading[top] / usual - 1.0, -4.0 * sensor.gain, 4.0 * sensor.gain)
-        gain, shift, speed = 1.0 + float(off), 0.0, 1.0
+        more = np.clip(reading[top] / usual - 1.0, -4.0 * sensor.gain, 4.0 * sensor.gain)
+        gain, shift, speed = 1.0 + float(more), 0.0, 1.0
         for _ in range(4):
             travel = sensor.followed((reading / gain - sensor.low) / step) - shift
             rows = _flight(travel[: top + 1], noise, speed, setup)
@@ -113,7 +115,9 @@ def model_based(samples: pd.DataFrame, setup: Setup) -> list[tuple[float, float]
             at, speed = end + 1e-3 * p[0], float(p[1])
             gain, shift = 1.0 + sensor.gain * p[2], sensor.shift * p[3]
         else:
-            found.append((at, speed))
+            # Else it turned back before the string: the fit blames the unit.
+            if speed > 0.0 and np.abs(p[2:]).max() < LARGEST:
+                found.append((at, speed))
     return found
 
 
