@@ -58,6 +58,41 @@ def build(what, target):
     return target / done.stdout.strip().splitlines()[-1]
 
 
+@pytest.mark.parametrize("made", [True, False])
+def test_a_wheel_carries_the_module_of_the_page_if_it_was_built(tmp_path, made):
+    """With the settings and the rule of this tree, but without its compilation."""
+    pytest.importorskip("scikit_build_core")
+    if shutil.which("cmake") is None:
+        pytest.skip("cmake is not installed")
+    settings = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    settings = re.sub("(?m)^build.targets = .*$", "", settings)
+    (tmp_path / "pyproject.toml").write_text(settings, encoding="utf-8")
+    (rule,) = re.findall(
+        r"install\(FILES \S+\.wasm .*\)", (ROOT / "CMakeLists.txt").read_text(encoding="utf-8")
+    )
+    (tmp_path / "CMakeLists.txt").write_text(
+        f"cmake_minimum_required(VERSION 3.22)\nproject(feltmb LANGUAGES NONE)\n{rule}\n"
+    )
+    (tmp_path / "python" / "feltmb").mkdir(parents=True)
+    shutil.copytree(ROOT / "licenses", tmp_path / "licenses")
+    for name in ("README.md", "LICENSE", ".gitignore", "python/feltmb/__init__.py"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    if made:
+        (tmp_path / MODULE).write_bytes(b"\0asm")
+    code = (
+        "from scikit_build_core import build; print(build.build_sdist('.'), build.build_wheel('.'))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    sdist, wheel = (tmp_path / name for name in done.stdout.split()[-2:])
+    with tarfile.open(sdist) as archive:
+        assert (MODULE in {n.partition("/")[2] for n in archive.getnames()}) == made
+    with zipfile.ZipFile(wheel) as archive:
+        assert archive.namelist().count(MODULE.removeprefix("python/")) == made
+
+
 @pytest.mark.slow
 def test_the_source_distribution_holds_what_the_wheel_needs(tmp_path):
     path = build("sdist", tmp_path)
