@@ -96,11 +96,12 @@ def constants(tree: ast.Module, file: str) -> Iterator[Constant]:
     own = file.removeprefix("unmodeled/")
     for n in tree.body:
         if isinstance(n, ast.AnnAssign) and n.value is not None:
-            pairs = [(n.target, n.value)]
+            pairs: list[tuple[ast.expr, ast.expr]] = [(n.target, n.value)]
         elif isinstance(n, ast.Assign) and len(n.targets) == 1:
             target, value = n.targets[0], n.value
-            both = isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple)
-            pairs = [*zip(target.elts, value.elts, strict=True)] if both else [(target, value)]  # type: ignore[attr-defined]
+            pairs = [(target, value)]
+            if isinstance(target, ast.Tuple) and isinstance(value, ast.Tuple):
+                pairs = [*zip(target.elts, value.elts, strict=True)]
         else:
             continue
         for target, value in pairs:

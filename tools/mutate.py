@@ -236,6 +236,7 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=20.0, help="time of the tests of a mutant")
+    parser.add_argument("--also", nargs="+", default=[], help="tests that each mutant has to pass")
     parser.add_argument("--only", type=int, nargs="+", help="numbers of some of the mutants")
     given = parser.parse_args()
     roots = [ROOT / s for s in given.sources]
@@ -260,7 +261,7 @@ def main() -> None:
                     c for c in by_function if c.startswith(f"{own}:")
                 }
             names = {t for c in calls for t in by_function.get(c, ())}
-            tests, total = [], 0.0
+            tests, total = [*given.also], 0.0
             for test in sorted(names, key=lambda t: spent[t]):
                 total += spent[test]
                 if total > given.seconds:

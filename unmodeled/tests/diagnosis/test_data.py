@@ -28,7 +28,7 @@ from unmodeled.data import (
 )
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.loading import LoadedModel
-from unmodeled.search.records import check_records, noise_of_channel, ready_records
+from unmodeled.search.records import _spikes, check_records, noise_of_channel, ready_records
 from unmodeled.units import convert
 
 from . import models
@@ -298,6 +298,15 @@ def test_steps_and_beginnings_of_vibrations_are_no_spikes():
     ring = np.where(time > 2.0, np.exp(2.0 - time) * np.sin(150.0 * (time - 2.0)), 0.0) + noise
     for q in (step, ring):
         assert check_records([Record(name="a", time=time, inputs={}, outputs={"q": q})]) == []
+
+
+def test_a_sample_within_the_scatter_of_the_record_is_no_spike():
+    """Beside samples that happen to be equal, too."""
+    noise = np.random.default_rng(1).standard_normal(400)
+    noise[195:206] = 0.0
+    for size, found in ((5.0, 0), (50.0, 1)):
+        noise[200] = size
+        assert _spikes(noise).sum() == found
 
 
 def test_a_unit_that_does_not_exist_is_refused(tmp_path):

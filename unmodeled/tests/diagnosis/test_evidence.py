@@ -56,6 +56,12 @@ def test_a_repeated_residual_counts_once():
     assert many * 16 == pytest.approx(few * 4, rel=0.35)
 
 
+def test_the_fewest_samples_that_tell_a_share():
+    assert share_of([np.ones(3)]) == 1.0
+    # One lag with the autocorrelation 3/4, of which 1/4 is chance.
+    assert share_of([np.ones(4)]) == pytest.approx(1.0 / (1.0 + 2.0 * (0.75**2 - 0.25)))
+
+
 def test_a_comparison_that_is_made_again_costs_nothing(monkeypatch):
     problem, fitted = _fitted(95.0, 10.0, spring_record("fit", 2))
     weight = np.array([0.5])
