@@ -609,7 +609,7 @@ def _story(number: int, cache: Path) -> Task:
 
     module, name = _stories(), _story_names()[number]
     story = module.STORIES[name]
-    found = resolve("steinway45", {}, (), tell=lambda _: None)
+    found = resolve("steinway45", {}, (), notify=lambda _: None)
     assert found is not None
     model, effects = found
     records = read_records(
