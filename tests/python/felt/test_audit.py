@@ -156,7 +156,7 @@ def test_faults_and_plain_data():
 def test_settings_of_an_audit_are_told_or_refused():
     told = []
     ((_, plain),) = audit_targets("steinway45:06")
-    ((_, changed),) = audit_targets("steinway45:06", ["contacts.06.alpha=20"], tell=told.append)
+    ((_, changed),) = audit_targets("steinway45:06", ["contacts.06.alpha=20"], notify=told.append)
     assert changed.alpha != plain.alpha
     assert "contacts.06.alpha = 20 s/m" in told[0]
     assert f"was {plain.alpha:g} s/m" in told[0]

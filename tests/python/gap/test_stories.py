@@ -21,7 +21,7 @@ def told(name, folder):
 
 
 def test_what_differs_in_a_story_is_known_to_the_library():
-    model, effects = resolve("steinway45", {}, (), tell=lambda _: None)
+    model, effects = resolve("steinway45", {}, (), notify=lambda _: None)
     known = {p.name for p in model.parameters} | {e.name for e in effects}
     assert {s.size[0] for s in STORIES.values() if s.size is not None} <= known
     assert sum(s.size is None for s in STORIES.values()) == 3

@@ -262,8 +262,8 @@ def _with_inputs(record: Record, inputs: Mapping[str, str] | None) -> Record:
         forces = [n for n, s in record.sensors.items() if s.unit == "N"]
         alone = not record.inputs and len(forces) == 1 < len(record.outputs)
         inputs = {"force": forces[0]} if alone else {}
-        told = tuple(f"{channel} is the input {name}" for name, channel in inputs.items())
-        record = replace(record, notes=(*record.notes, *told))
+        notes = tuple(f"{channel} is the input {name}" for name, channel in inputs.items())
+        record = replace(record, notes=(*record.notes, *notes))
     free = not record.inputs
     for name, channel in inputs.items():
         mode: InputMode | None = None

@@ -321,8 +321,8 @@ def _side_by_side(
         rest = keys[shared:]
         size = len(dict.fromkeys(rest))
         if size > 1 and len(rest) > size and rest == rest[:size] * (len(rest) // size):
-            own = [places[shared:][k : k + size] for k in range(0, len(rest), size)]
-            every = [places[:shared] + group for group in own]
+            groups = [places[shared:][k : k + size] for k in range(0, len(rest), size)]
+            every = [places[:shared] + group for group in groups]
             return (
                 tuple(names[j] for j in every[0]),
                 tuple(units[j] for j in every[0]) if units else (),
@@ -346,9 +346,9 @@ def _stacked(
     rows: Sequence[tuple[int, list[str]]], places: Sequence[Sequence[int]], labels: Sequence[str]
 ) -> Iterator[tuple[int, list[str]]]:
     """Rows of the tests one below another, each with the name of its test, without empty rows."""
-    for own, label in zip(places, labels, strict=True):
+    for columns, label in zip(places, labels, strict=True):
         for line, row in rows:
-            part = [row[j] if j < len(row) else "" for j in own]
+            part = [row[j] if j < len(row) else "" for j in columns]
             if any(c.strip() for c in part):
                 yield line, [*part, label]
 
@@ -386,9 +386,9 @@ def _in_blocks(
             held, below = [], 0
     blocks[-1][1].extend(held)
     titles = {title for title, _ in blocks}
-    for number, (title, own) in enumerate(blocks, 1):
+    for number, (title, block) in enumerate(blocks, 1):
         label = title if len(titles) == len(blocks) and "" not in titles else str(number)
-        for line, row in own:
+        for line, row in block:
             fits = not any(c.strip() for c in row[width:])
             yield line, [*row[:width], label] if fits else row
 
