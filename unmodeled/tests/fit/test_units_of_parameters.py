@@ -6,7 +6,7 @@ import pytest
 import unmodeled
 from unmodeled import Options, Record, Sensor
 from unmodeled.cli.models import StatedOptions
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit import Effect, Exposed, Parameter
 from unmodeled.fit.model import prior_jobs
 from unmodeled.loading import load_model
@@ -186,6 +186,13 @@ def test_units_of_a_function_are_those_of_its_inputs_and_outputs(tmp_path):
     assert ready.records[0].inputs["speed"][0] == pytest.approx(60.0)
     assert ready.records[0].outputs["flow"][0] == pytest.approx(1.0)
     assert not any("gets and returns" in n for n in ready.notes)
+    (record,) = unmodeled.read(tmp_path / "a.csv", model=loaded.model)
+    assert record.outputs["flow"][0] == pytest.approx(1.0)
+    assert (record.units["flow"], record.units["speed"]) == ("l/min", "rpm")
+    with pytest.raises(
+        DataError, match=r"speed is in rad/s, in the model fan in rpm; .*model=model"
+    ):
+        unmodeled.check(loaded.model, unmodeled.read(tmp_path / "a.csv"))
 
 
 def test_a_share_is_that_of_the_value_of_the_file():

@@ -11,6 +11,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,7 @@ def read(
     sigma: Mapping[str, float] | None = None,
     units: Mapping[str, str] | None = None,
     options: ReadOptions | None = None,
+    model: Any = None,
 ) -> tuple[Record, ...]:
     """Read measured files: ``unmodeled.read("runs/*.csv")``.
 
@@ -76,6 +78,9 @@ def read(
         Units of columns whose header states none.
     options
         Options of reading.
+    model
+        Model for which they are read: its channels are found among the columns, and converted to
+        its units. Without it, units become SI units.
 
     Raises
     ------
@@ -86,7 +91,11 @@ def read(
     paths = [p for g in given for p in _fitting(g)]
     options = options or ReadOptions()
     options = replace(options, units={**options.units, **(units or {})})
-    if outputs:
+    if model is not None:
+        signals = Signals(model.inputs, model.outputs, model.input_modes, model.units,
+                          model.input_names, model.any_inputs)  # fmt: skip
+        records = tuple(r for group in read_each(paths, signals, options) for r in group)
+    elif outputs:
         records = read_records(paths, inputs=inputs, outputs=outputs, options=options)
     else:
         records = tuple(

@@ -18,7 +18,7 @@ import weakref
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -267,20 +267,20 @@ class Means:
     cache: Path | None = None
 
 
-#: Longest wait for processes that have nothing to do [s].
-IDLE = 2.0
+#: Longest wait for the end of processes, which those that have nothing to do need not [s].
+IDLE = 1.0
 
 
 def _end(pool: Any) -> None:
-    """End the processes of a pool, without a wait for a run of the user's function.
+    """End the processes of a pool, without a long wait for a run of the user's function.
 
     At the end of Python a pool whose thread is just closing its pipe raised an exception.
     """
-    thread = getattr(pool, "_executor_manager_thread", None)
-    busy = bool(getattr(pool, "_pending_work_items", ()))
-    pool.shutdown(wait=False, cancel_futures=True)
-    if thread is not None and not busy:
-        thread.join(IDLE)
+    given = {"wait": True, "cancel_futures": True}
+    ending = threading.Thread(target=pool.shutdown, kwargs=given, daemon=True)
+    with suppress(RuntimeError):  # Python ends, and ends the pool
+        ending.start()
+        ending.join(IDLE)
 
 
 class Runner:

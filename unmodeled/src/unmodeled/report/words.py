@@ -130,8 +130,8 @@ def _clause(c: Change) -> str:
         return f"the {place} {has} a lag of {size}"
     if c.kind in ("sensor", "input"):
         if sign := sign_of_delay(c):
-            early, late = sorted((sign * c.low, sign * c.high))
-            of, name, low, high = _numbers(abs(c.size), early, late, c.unit, relative=False)
+            least, most = sorted((sign * c.low, sign * c.high))
+            of, name, low, high = _numbers(abs(c.size), least, most, c.unit, relative=False)
             size = f"{of}{name} ({low} to {high})"
             if c.kind == "input":
                 return (

@@ -29,7 +29,7 @@ from unmodeled.search.problem import (
     Problem,
     spread,
 )
-from unmodeled.units import same_unit, weight_hint
+from unmodeled.units import same_unit, weight_hint, zero_and_factor
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
@@ -538,8 +538,17 @@ def _against(model: Model, record: Record) -> Iterator[str]:
         if "1" not in (unit, wanted) and not same_unit(unit, wanted):
             yield (
                 f"{record.name}: {name} is in {unit}, in the model {model.name} in {wanted}"
-                f"{weight_hint(unit, wanted)}"
+                f"{weight_hint(unit, wanted) or _how_to_convert(unit, wanted)}"
             )
+
+
+def _how_to_convert(unit: str, wanted: str) -> str:
+    """The end of a message about a unit of the same quantity; else ""."""
+    try:
+        zero_and_factor(unit, wanted)
+    except InvalidParameter:
+        return ""
+    return "; unmodeled.read(files, model=model) converts it"
 
 
 def _same_numbers(one: Record, other: Record) -> bool:
