@@ -139,8 +139,8 @@ class Equations(Model):
         self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
         self.method = method
         self._resolved = False
-        self._outputs: dict[str, Any] = {
-            n: paired[n][0] if n in paired else of for n, of in outputs.items()
+        self._outputs: dict[str, Output] = {
+            n: of[0] if isinstance(of, tuple) else of for n, of in outputs.items()
         }
         self._unknown = tuple(neutral)
         self.units = _units_of(self._outputs, self._states)
