@@ -16,7 +16,7 @@ from unmodeled.cli import main
 from unmodeled.data import ReadOptions, Record, Sensor, read_records, write_record
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.search.compare import _CLOCKS, _FACTORS
+from unmodeled.search.compare import _CLOCKS, _FACTORS, _delay
 from unmodeled.search.records import check_records
 from unmodeled.units import conversion_factor
 
@@ -595,3 +595,10 @@ def test_the_factor_of_a_wrong_label_is_that_of_the_units():
         assert factor == pytest.approx(milli or conversion_factor(label, own)), own
     for factor, text in _CLOCKS:  # of times, not of readings
         assert factor == pytest.approx(conversion_factor(*labels(text))), text
+
+
+def test_a_delay_is_finer_than_the_samples():
+    time = np.arange(400) * 0.01
+    late, left = _delay(time, np.sin(3.0 * (time - 0.0234)), np.sin(3.0 * time))
+    assert late == pytest.approx(0.0234, abs=5e-4)
+    assert left < 0.01

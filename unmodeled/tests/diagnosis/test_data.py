@@ -266,6 +266,13 @@ def test_the_checks_see_clocks_and_saturation():
     assert any("saturated" in n for n in check_records([record]))
     with pytest.raises(DataError, match="the clock jumps by 5"):
         check_records([replace(record, time=np.where(time > 1.0, time + 5.0, time))])
+    for late, jumps in ((0.17, False), (0.22, True)):  # 18 and 23 steps
+        delayed = replace(record, time=np.where(time > 1.0, time + late, time))
+        if jumps:
+            with pytest.raises(DataError, match="the clock jumps"):
+                check_records([delayed])
+        else:
+            check_records([delayed])
     lost = replace(record, time=np.delete(time, [7]), outputs={"q": np.delete(signal, [7])})
     assert any("uneven clock, 1 steps" in n for n in check_records([lost]))
 

@@ -201,3 +201,12 @@ def test_one_side_of_a_magnitude_has_half_of_the_prior():
         point, hessian = Point(np.array([7.0, 0.6]), ()), np.diag([4.0, 2.25])
         expected = np.log(2.0 * norm.cdf(sign * 0.6 * 1.5)) if sign else 0.0
         assert _one_sided(problem, (Member(0),), point, hessian) == pytest.approx(expected)
+
+
+def test_only_effects_of_a_part_act_inside_the_model():
+    problem = Given(fit=[Given(record=Given(inputs={"u": None}))])
+    inside, driven = Cause("law", "part", law()), Cause("gain", "input u", law())
+    sensor = Cause("gain", "sensor y", law(kind="sensor"))
+    found = [verdict._inside(problem, c)
+             for c in (inside, driven, sensor, Cause("k", "part", parameter=0))]  # fmt: skip
+    assert found == [True, False, False, False]
