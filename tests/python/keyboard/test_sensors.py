@@ -301,6 +301,17 @@ def test_the_model_based_algorithm_has_half_the_error(few):
     assert loud["time_error"].abs().max() < 1e-3
 
 
+def test_a_hammer_that_turned_back_is_no_strike(few):
+    """A fit that needs a unit far beyond its tolerances is not one of a strike."""
+    setup, records = few
+    record = next(r for r in records if len(r.truth) == 1 and r.truth[0][1] > 0.5)
+    samples = record.samples.copy()
+    at = samples.index.searchsorted(record.truth[0][0])
+    samples["hammer"] = np.minimum(samples["hammer"], samples["hammer"].iloc[at - 10])
+    assert len(model_based(record.samples, setup)) == 1
+    assert model_based(samples, setup) == []
+
+
 @pytest.mark.slow
 def test_the_model_based_algorithm_has_half_the_error_at_every_level():
     setup, made = labeled_strokes(count=1000, seed=1)
