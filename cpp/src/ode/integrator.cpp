@@ -317,15 +317,17 @@ void Integrator::choose_order() {
   if (d.options.long_order == 0) return;
   constexpr int few = 16;
   constexpr double kWorth = 1.2;  // times stable_step: shorter steps are not worth the lower order
+  constexpr double kHeld = 0.9;   // of stable_step: a step that may not grow by a tenth stays there
   const double h = last_step();
   ++d.taken;
   if (d.long_steps) {
+    if (d.taken < 4 * few) return;  // the first steps of a start are short
     d.seen = h < kWorth * d.options.stable_step ? d.seen + 1 : 0;
     if (d.seen < few) return;
     d.patience = d.taken < 8 * d.patience ? std::min(2 * d.patience, 4096) : few;
     d.check(CVodeSetMaxOrd(d.cvode.get(), d.options.max_order), "CVodeSetMaxOrd");
   } else {
-    d.seen = h > 0.999 * d.options.stable_step ? d.seen + 1 : 0;
+    d.seen = h > kHeld * d.options.stable_step ? d.seen + 1 : 0;
     if (d.seen < d.patience) return;
     const std::vector<double> y(state().begin(), state().end());
     d.check(CVodeSetMaxOrd(d.cvode.get(), d.options.long_order), "CVodeSetMaxOrd");
