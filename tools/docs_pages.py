@@ -361,7 +361,9 @@ def small_png(source: Path, target: Path, width: int = 1100, colors: int = 64) -
         if picture.width > width:
             height = round(picture.height * width / picture.width)
             picture = picture.resize((width, height), Image.Resampling.LANCZOS)
-        picture.quantize(colors, dither=Image.Dither.NONE).save(target, optimize=True)
+        picture.quantize(colors, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE).save(
+            target, optimize=True
+        )
 
 
 def main() -> int:
