@@ -10,6 +10,7 @@ from calls import refused
 
 import feltmb
 from unmodeled.data import read_record
+from unmodeled.files import hdf5
 
 DATA = Path(__file__).parents[2] / "data"
 
@@ -124,6 +125,28 @@ def test_a_damaged_text_is_one_message(tmp_path, at, value):
     (tmp_path / "a.nc").write_bytes(data)
     (tmp_path / "a.toml").write_text("[outputs.q]\n")
     refused(lambda: read_record(tmp_path / "a.nc"), "cannot be read as NetCDF 4: ")
+
+
+def test_heaps_that_overlap_cost_no_more_than_the_file_is_long(monkeypatch):
+    # every header of thousands had its own walk to the end: a minute for 1 MB
+    count = 3000
+    one = b"GCOL\x01\x00\x00\x00" + (0).to_bytes(8, "little")
+    data = bytearray(one * count + bytes(16) * 2000)
+    for i in range(count):
+        at = 16 * i
+        data[at + 8 : at + 16] = (len(data) - at).to_bytes(8, "little")
+    steps = 0
+    unpack = hdf5.struct.unpack_from
+
+    def counted(*given):
+        nonlocal steps
+        steps += 1
+        return unpack(*given)
+
+    monkeypatch.setattr(hdf5.struct, "unpack_from", counted)
+    with pytest.raises(ValueError, match="global heap"):
+        hdf5._check_heaps(bytes(data))
+    assert steps <= 2 * len(data) // 16
 
 
 def folder(path):

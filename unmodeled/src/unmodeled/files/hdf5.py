@@ -1,13 +1,17 @@
 """The only reader of external HDF5 files, including NetCDF 4 and MAT 7.3.
 
 An HDF5 file can refer to other files (external links, external storage, virtual datasets) and state
-sizes without containing the data. Both are checked before data are read; damage of the format
-itself is reported by the HDF5 library. Only the content of the file itself is read.
+sizes without containing the data. Both are checked before data are read. HDF5 reads the texts of a
+file from global heaps; a damaged length there causes an infinite loop in version 2.0, which Python
+cannot stop, so that the heaps are checked before the library reads the file. Other damage of the
+format is reported by the library. Only the content of the file itself is read.
 """
 
 from __future__ import annotations
 
 import math
+import mmap
+import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,7 +31,12 @@ MOST_ENTRIES = (
     100_000  # number of entries at the top level of a file, and of attributes of one entry
 )
 MOST_LEVELS = 8  # of groups in groups
+MOST_TEXTS = 1_000_000  # number of texts in the global heaps of a file
 MOST_CHUNKS = 400_000  # number of chunks of all datasets of a file
+
+_SIGNATURE = b"GCOL\x01\x00\x00\x00"
+_HEADER = 16  # size in bytes of the header of a heap and of each of its objects
+_SMALLEST = 4096  # bytes of a heap
 
 
 class Hdf5File:
@@ -187,14 +196,48 @@ def open_hdf5(path: Path, *, most_bytes: int, track_order: bool = False) -> Iter
     DataError
         It is not a regular file, or it is too large.
     ValueError
-        The file is empty.
+        The file is empty, or one of its global heaps is damaged.
     """
     import h5py
 
     with open_input(path, most=LARGEST_FILE) as stream:
         if stream.seek(0, 2) == 0:
             raise ValueError("the file is empty")
+        with mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+            _check_heaps(data)
         stream.seek(0)
         # By the open file instead of its name: the file cannot be exchanged in between.
         with h5py.File(stream, "r", track_order=track_order) as file:
             yield Hdf5File(file, most_bytes)
+
+
+def _check_heaps(data: mmap.mmap | bytes) -> None:
+    """Check the global heaps. Heaps of a valid file do not overlap, so that the work is limited."""
+    room = min(MOST_TEXTS, len(data) // _HEADER)
+    at = data.find(_SIGNATURE)
+    while at >= 0:
+        if at + _HEADER <= len(data):
+            (size,) = struct.unpack_from("<Q", data, at + 8)
+            if size < _SMALLEST or size % 8 or at + size > len(data):
+                raise ValueError(f"global heap at byte {at} has a length of {size}")
+            room -= _check_objects(data, at, at + size, room)
+        at = data.find(_SIGNATURE, at + 8)
+
+
+def _check_objects(data: mmap.mmap | bytes, heap: int, end: int, room: int) -> int:
+    """Check the objects of a heap and return their number; index 0 is the free space at its end."""
+    at = heap + _HEADER
+    count = 0
+    while at + _HEADER <= end:
+        index, size = struct.unpack_from("<H6xQ", data, at)
+        step = size if index == 0 else _HEADER + (size + 7) // 8 * 8
+        if step < _HEADER or at + step > end:
+            raise ValueError(f"global heap at byte {heap} has an object of {size} bytes")
+        count += 1
+        if count > room:
+            raise ValueError(
+                f"global heap at byte {heap}: the heaps overlap, or hold more than {MOST_TEXTS} "
+                "texts"
+            )
+        at += step
+    return count
