@@ -98,7 +98,7 @@ def judge(
     best = _representative(sets, told, classes)
     known = {*told, *(i for group in classes for i in group)}
     supported: list[int] = []
-    matters = any(c.material for c in _channels(problem, shown, alone, alone, {}, options))
+    matters = any(c.material for c in _channels(problem, shown, alone, best, {}, options))
     if ours_only is not None and matters and {*told} <= {*ours_only.causes}:
         # A set that is less probable than nothing is not supported, whatever it predicts.
         likely = {s.causes: w for s, w in zip(sets, weight, strict=True)}
