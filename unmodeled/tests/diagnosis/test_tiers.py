@@ -185,3 +185,38 @@ def test_what_is_less_probable_than_nothing_is_not_supported():
     assert (report.verdict, report.supported) == (Verdict.UNKNOWN, ())
     assert Reason.NOTHING_INSIDE in report.reasons
     assert "Name what may act inside the model" in " ".join(str(report).split())
+
+
+def four(spring, causes, **machine):
+    cycles = {"a": 1, "b": 2, "c": 3, "d": 5}
+    records = [
+        spring_record(n, k, role="held_out" if n == "d" else "fit", **machine)
+        for n, k in cycles.items()
+    ]
+    return diagnose(spring, causes, records)
+
+
+def test_a_probable_cause_that_takes_away_less_than_what_matters_has_no_name(spring, causes):
+    """Its offset is 1.2 times the noise of a sample; the list of changes has it from 2 times on."""
+    report = four(spring, causes, preload=0.06)
+    assert report.sets[0].causes == ("preload",)
+    assert report.sets[0].probability > 0.9
+    assert (report.verdict, report.named, report.reported) == (Verdict.CALIBRATED, (), ())
+    (note,) = [n for n in report.notes if n.startswith("Probable")]
+    assert "less than what matters: preload (" in note
+    found = four(spring, causes, preload=0.2)
+    assert [n.cause for n in found.named] == ["preload"]
+    assert [c.name for c in found.changes] == ["k", "preload"]
+
+
+@pytest.mark.parametrize("foreign", [0.07, 0.15])
+def test_nothing_is_supported_beside_a_cause_that_explains_all_that_matters(
+    spring, causes, foreign, monkeypatch
+):
+    def with_preload(searched, some, predicted, check):
+        return next(s for s in searched.sets.values() if s.causes == (0, 1))
+
+    monkeypatch.setattr("unmodeled.search.verdict._supported", with_preload)
+    report = four(spring, causes, hardening=3000.0, foreign=foreign)
+    assert [n.cause for n in report.named] == ["hardening"]
+    assert [n.cause for n in report.supported] == ["preload"] * (foreign > 0.1)

@@ -140,8 +140,6 @@ def _statement(result: Result) -> str:
         first = f"{first[:1].upper()}{first[1:]}{c.name} {found} of its motion{everywhere}."
         if unsure := joined([x.name for x in result.changes if x.tier == "supported"], "or"):
             first += f" Whether {unsure} is the cause is not sure: another law could do the same."
-    elif result.named or result.classes:
-        first = f"What was found takes away less than what matters: {misses}."
     elif result.complete:
         quiet = all(c.explained <= NOISE * c.noise for c in result.channels if c.noise > 0.0)
         first = f"No cause {'' if quiet else 'that matters '}is missing: {misses}."

@@ -98,7 +98,7 @@ def judge(
     best = _representative(sets, told, classes)
     known = {*told, *(i for group in classes for i in group)}
     supported: list[int] = []
-    matters = any(c.material for c in _channels(problem, shown, alone, alone, {}, options))
+    matters = any(c.material for c in _channels(problem, shown, alone, best, {}, options))
     if ours_only is not None and matters and {*told} <= {*ours_only.causes}:
         # A set that is less probable than nothing is not supported, whatever it predicts.
         likely = {s.causes: w for s, w in zip(sets, weight, strict=True)}
@@ -162,7 +162,7 @@ def judge(
         _parameters,
         check,
     )
-    return Result(
+    result = Result(
         verdict=_verdict(told, classes, supported, channels),
         reasons=tuple(reason for reason, holds in reasons.items() if holds),
         channels=channels,
@@ -207,6 +207,33 @@ def judge(
         else (),
         traces=_traces(problem, shown, alone, best, channels),
     )
+    return _of_changes(result)
+
+
+def _of_changes(result: Result) -> Result:
+    """The result whose named causes and classes are those of its list of changes.
+
+    A cause that takes away less than what matters has no name, however probable it is.
+    """
+    listed = {c.name for c in result.changes}
+    named = tuple(n for n in result.named if n.cause in listed)
+    kept = [k for k, group in enumerate(result.classes) if group[0].cause in listed]
+    classes = tuple(result.classes[k] for k in kept)
+    told = {n.cause for group in (named, *classes) for n in group}
+    every = [n for group in (result.named, *result.classes) for n in group]
+    small = {n.cause: n.probability for n in every if n.cause not in told}
+    if not small:
+        return result
+    note = ", ".join(f"{n} ({100.0 * p:.0f} %)" for n, p in small.items())
+    return replace(
+        result,
+        verdict=_verdict(named, classes, result.supported, result.channels),
+        named=named,
+        classes=classes,
+        apart=tuple(result.apart[k] for k in kept),
+        reported=tuple(n for n in result.reported if n not in small),
+        notes=(*result.notes, f"Probable, but takes away less than what matters: {note}"),
+    )
 
 
 def _inside(problem: Problem, cause: Cause) -> bool:
@@ -216,9 +243,9 @@ def _inside(problem: Problem, cause: Cause) -> bool:
 
 
 def _verdict(
-    told: Sequence[int],
-    classes: Sequence[Sequence[int]],
-    supported: Sequence[int],
+    told: Sequence[object],
+    classes: Sequence[object],
+    supported: Sequence[object],
     channels: Sequence[Channel],
 ) -> Verdict:
     if told:
