@@ -47,7 +47,8 @@ DEFINITIONS = {
 }
 DECISIONS = {
     "search/changes.py": "ODDS ALIKE",
-    "search/compare.py": "LONGEST MOST UNKNOWN ALIKE SURE NEAR SOME LEFT TRIED SAME ANY_SIZE",
+    "search/compare.py": "LONGEST_DELAY UNKNOWN_START CORRELATED CERTAIN NEAR_FACTOR TAKES_AWAY "
+    "LEAVES LEAVES_CERTAIN LEAST_VARIANCE DELAY_SPREAD ANY_SIZE",
     "search/evidence.py": "DEGREES CHANCE",
     "search/linear.py": "NARROW WIDE",
     "search/locate.py": "ALIKE",
@@ -65,7 +66,7 @@ DECISIONS = {
     "fit/mjcf_parts.py": "LARGEST NUMBERS COPIES FILES",
     "fit/noise.py": "AGREES",
     "experiment/information.py": "MAGNITUDES RESERVE",
-    "experiment/planning.py": "TESTS LEAST_SHOWN HALF BEST",
+    "experiment/planning.py": "TESTS LEAST_SHOWN SHARE_OF_SPREAD SHARE_OF_TOLERANCE",
     "library/defaults.py": "TYPICAL FLOW",
     "library/forces.py": "CLEARANCE_SHARPNESS",
 }

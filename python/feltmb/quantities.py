@@ -9,14 +9,8 @@ from typing import get_args
 
 from pydantic import BaseModel, BeforeValidator
 
-from unmodeled.errors import shown
-from unmodeled.units.quantity import (
-    check_table,
-    factor_to,
-    finite_number,
-    parse_scalar,
-    shortened,
-)
+from unmodeled.errors import shortened, shown
+from unmodeled.units.quantity import check_table, factor_to, finite_number, parse_scalar
 
 
 def _parse_vector(node: object, si_unit: str, length: int) -> tuple[float, ...]:

@@ -19,9 +19,9 @@ from unmodeled.data.mapping import unit_of_column, values_in
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, ReadOptions, Sheet
 from unmodeled.data.tables import plain_name
-from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.errors import DataError, InvalidParameter, shortened
 from unmodeled.units import conversion_factor, spelled_unit, weight_hint
-from unmodeled.units.quantity import fault_text, parse_scalar, shortened
+from unmodeled.units.quantity import fault_text, parse_scalar
 
 Array = NDArray[np.float64]
 

@@ -26,7 +26,7 @@ from feltmb.graphics.plot.readings import MOST_LETTERS, run_action, run_name
 from feltmb.graphics.plot.series import striker_name
 from feltmb.graphics.plot.shapes import shape_points, upper_right_is_free
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.files import check_writable, write_file
 from unmodeled.style import (
     BLACK,
@@ -41,7 +41,6 @@ from unmodeled.style import (
     new_figure,
     style_axes,
 )
-from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run

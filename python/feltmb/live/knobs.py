@@ -18,9 +18,8 @@ from feltmb.adapters import Library, load_library
 from feltmb.adapters.changes import Change, Entry, Values, applied
 from feltmb.mechanism import Action
 from feltmb.mechanism.values import si_factor
-from unmodeled.errors import Error, InvalidParameter
+from unmodeled.errors import Error, InvalidParameter, shortened
 from unmodeled.units import si_value
-from unmodeled.units.quantity import shortened
 
 #: Order of the groups, and the prefixes of the names in each.
 GROUPS: tuple[tuple[str, tuple[str, ...]], ...] = (

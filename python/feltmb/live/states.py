@@ -22,8 +22,7 @@ from feltmb.run.stroke import (
     sequence,
     table_stroke,
 )
-from unmodeled.errors import Error, InvalidParameter, printable
-from unmodeled.units.quantity import shortened
+from unmodeled.errors import Error, InvalidParameter, printable, shortened
 
 _LOG = logging.getLogger(__name__)
 

@@ -17,15 +17,8 @@ from feltmb.mechanism.schema import Contact, MechanismFile
 from feltmb.mechanism.to_core import describe_with_faults
 from feltmb.mechanism.workshop import faults as workshop_faults
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import (
-    MOST_FAULTS,
-    fault_lines,
-    fault_text,
-    keys_of,
-    shortened,
-    table_at,
-)
+from unmodeled.errors import InvalidParameter, shortened
+from unmodeled.units.quantity import MOST_FAULTS, fault_lines, fault_text, keys_of, table_at
 
 
 def _paths_of_none(node: Any, path: str = "") -> Iterator[str]:

@@ -20,8 +20,7 @@ from feltmb.mechanism.values import (
     unit_in_file,
 )
 from feltmb.quantities import unit_of
-from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import shortened
+from unmodeled.errors import InvalidParameter, shortened
 
 #: Integers and choices, which have no derivative.
 _COUNTS = frozenset({"modes", "count", "axial_shapes", "lateral_shapes"})

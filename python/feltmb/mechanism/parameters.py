@@ -22,9 +22,8 @@ from feltmb.mechanism.numbers import Parameter, numbers_below, read_entry, repla
 from feltmb.mechanism.values import AXES, is_bare, si_factor, split_operator, unit_in_file
 from feltmb.mechanism.workshop import notes_of_turns, plain_values
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.units import conversion_factor, unit_suffix
-from unmodeled.units.quantity import shortened
 
 __all__ = [
     "Parameter",

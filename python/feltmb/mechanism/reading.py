@@ -11,11 +11,8 @@ from feltmb import params
 from feltmb.fiber.material import load_material
 from feltmb.mechanism.values import apply_values
 from unmodeled.arguments import checked
-from unmodeled.errors import Error, InvalidParameter
+from unmodeled.errors import Error, InvalidParameter, shortened
 from unmodeled.files import MOST_EXTENDS, beside, named_file, read_toml
-from unmodeled.units.quantity import (
-    shortened,
-)
 
 
 def packaged_actions() -> list[str]:

@@ -11,15 +11,10 @@ from contextlib import suppress
 from typing import Any
 
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.files import parse_toml
 from unmodeled.units import conversion_factor, split_quantity, to_si
-from unmodeled.units.quantity import (
-    META_KEYS,
-    is_quantity,
-    parse_scalar,
-    shortened,
-)
+from unmodeled.units.quantity import META_KEYS, is_quantity, parse_scalar
 
 #: Path and operator of a change; ``contacts.*`` ends with a wildcard, not with an operator.
 _CHANGE = re.compile(r"(.*[^.\s])\s*([-+*])=\s*", re.DOTALL)

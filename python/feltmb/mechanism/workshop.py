@@ -15,9 +15,9 @@ from feltmb.mechanism.numbers import number_at
 from feltmb.mechanism.schema import MechanismFile, Screw
 from feltmb.mechanism.to_core import with_leads
 from feltmb.mechanism.values import expand_path, split_operator, tidy
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.units import conversion_factor
-from unmodeled.units.quantity import parse_scalar, shortened
+from unmodeled.units.quantity import parse_scalar
 
 #: Farthest place of a lead, as a multiple of that of the finger.
 LEAD_REACH = 1.1

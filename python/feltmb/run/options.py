@@ -8,8 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import shortened
+from unmodeled.errors import InvalidParameter, shortened
 
 
 @checked

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from feltmb import _core
 from feltmb.mechanism import Action
-from unmodeled.units.quantity import shortened
+from unmodeled.errors import shortened
 
 Array = npt.NDArray[np.float64]
 

@@ -19,10 +19,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from feltmb.display import html_table, picture
 from feltmb.run.arrays import Numbers, renamed, summary_unit
 from unmodeled.arguments import checked
-from unmodeled.errors import DataError, InvalidParameter, no_such
+from unmodeled.errors import DataError, InvalidParameter, no_such, shortened
 from unmodeled.files import check_suffix, plain_text, write_file
 from unmodeled.files.hdf5 import HDF5_FAULTS, open_hdf5
-from unmodeled.units.quantity import fault_lines, shortened
+from unmodeled.units.quantity import fault_lines
 
 if TYPE_CHECKING:
     import numpy as np

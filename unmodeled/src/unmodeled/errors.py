@@ -131,6 +131,11 @@ def near_names(name: object, known: Iterable[str]) -> str:
     return f"; near are {', '.join(near)}" if near else ""
 
 
+def shortened(text: str, most: int = 80) -> str:
+    """Text for a message, shortened if it would fill the screen."""
+    return text if len(text) <= most else text[: most - 3] + "..."
+
+
 def shown(value: object) -> str:
     """A value as short text in one line, for messages."""
     try:

@@ -10,6 +10,7 @@ from unmodeled import (
     Effect,
     Equations,
     LinearModel,
+    Options,
     Parameter,
     Record,
     Sensor,
@@ -37,9 +38,11 @@ def records():
 
 def test_each_effect_in_turn_is_named(spring, causes, records):
     told = []
+    options = Options(good_enough={"force": 0.01})
     found = withhold(
-        spring, causes, records, cases=5, seed=1, progress=lambda *given: told.append(given[:2])
-    )
+        spring, causes, records, options=options, cases=5, seed=1,
+        progress=lambda *given: told.append(given[:2]),
+    )  # fmt: skip
     assert [c.effect for c in found.cases] == ["", "hardening", "preload", "even", ""]
     assert [c.outcome for c in found.cases] == ["quiet", "right", "right", "right", "quiet"]
     assert told == [(1, 5), (2, 5), (3, 5), (4, 5), (5, 5)]

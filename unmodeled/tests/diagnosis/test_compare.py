@@ -16,9 +16,8 @@ from unmodeled.cli import main
 from unmodeled.data import ReadOptions, Record, Sensor, read_records, write_record
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.search.compare import _CLOCKS, _FACTORS, _delay
+from unmodeled.search.compare import _delay
 from unmodeled.search.records import check_records
-from unmodeled.units import conversion_factor
 
 from . import models
 
@@ -579,22 +578,6 @@ def test_what_cannot_be_compared_is_refused(tmp_path, capsys):
     assert command("check", path, "--json") == 0
     (row,) = json.loads(capsys.readouterr().out)["channels"]
     assert (row["channel"], row["unit"], row["samples"]) == ("q", "m", 600)
-
-
-def test_the_factor_of_a_wrong_label_is_that_of_the_units():
-    units = {"inches": "in", "degrees": "deg", "minutes": "min", "hours": "h"}
-
-    def labels(text):
-        own, label = text.split(",")[0].split(" labeled as ")
-        return units.get(own, own), units.get(label, label)
-
-    told = [(f, labels(text)) for f, text, _ in _FACTORS if "labeled" in text]
-    assert len(told) >= 20
-    for factor, (own, label) in told:
-        milli = 1e3 if own == f"m{label}" else 1e-3 if label == f"m{own}" else None
-        assert factor == pytest.approx(milli or conversion_factor(label, own)), own
-    for factor, text in _CLOCKS:  # of times, not of readings
-        assert factor == pytest.approx(conversion_factor(*labels(text))), text
 
 
 def test_a_delay_is_finer_than_the_samples():

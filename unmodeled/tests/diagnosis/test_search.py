@@ -37,6 +37,6 @@ def test_a_law_that_nearly_is_the_sum_of_two_is_no_answer(spring):
     record = replace(record, outputs={"force": record.outputs["force"] + total})
     effects = [law("decoy", decoy), *(law(n, f) for n, f in LAWS.items())]
     problem = prepare(ready_records(spring, [record]), effects, (), Options())
-    found = search(problem, Options(most=2))
+    found = search(problem, Options(max_effects=2))
     best = best_of(problem, list(found.sets.values()))
     assert {problem.causes[i].name for i in best.causes} == {*LAWS}

@@ -409,6 +409,7 @@ def test_payload_and_tilt_are_named(tmp_path, cause, value):
             )
         )
     tested = ["*.payload", "gravity.*", "*.frictionloss", "*.kp"]
-    (named,) = unmodeled.mujoco(path).diagnose(found, effects=tested).named
+    options = unmodeled.Options(good_enough={"rad": 1e-4})
+    (named,) = unmodeled.mujoco(path).diagnose(found, effects=tested, options=options).named
     assert named.cause == cause
     assert named.magnitude == pytest.approx(value, rel=0.05)

@@ -34,11 +34,11 @@ from feltmb.mechanism import (
 from feltmb.quantities import SI
 from feltmb.run.stroke import Stroke, table_stroke, torque_stroke
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter, no_such
+from unmodeled.errors import InvalidParameter, no_such, shortened
 from unmodeled.files import write_file
 from unmodeled.files.netcdf import Variable, encode
 from unmodeled.units import conversion_factor
-from unmodeled.units.quantity import Schema, fault_lines, fault_text, shortened
+from unmodeled.units.quantity import Schema, fault_lines, fault_text
 
 if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]

@@ -15,9 +15,9 @@ from feltmb import params
 from feltmb.mechanism import Action
 from feltmb.quantities import SI
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.files import read_toml
-from unmodeled.units.quantity import Schema, parse_scalar, shortened, validated
+from unmodeled.units.quantity import Schema, parse_scalar, validated
 
 #: measure -> (SI unit, unit for people, its factor, description)
 MEASURES: dict[str, tuple[str, str, float, str]] = {

@@ -27,7 +27,7 @@ from feltmb.graphics.plot.poses import (
 from feltmb.graphics.plot.readings import LINE, MOST_LETTERS, run_action
 from feltmb.graphics.plot.shapes import Scene, body_center, scene, upper_right_is_free, view_box
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.style import (
     BLACK,
     BLUE,
@@ -45,7 +45,6 @@ from unmodeled.style import (
     new_figure,
     plain_text,
 )
-from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -11,9 +11,8 @@ import numpy.typing as npt
 
 from feltmb.run.reading import striker_speed
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.style import plain_text
-from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from feltmb.mechanism import Action

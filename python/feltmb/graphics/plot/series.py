@@ -29,7 +29,7 @@ from feltmb.graphics.plot.readings import (
 )
 from feltmb.run.reading import contact_parties, reading_of, strike_events
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, shortened
 from unmodeled.style import (
     BLACK,
     BLUE,
@@ -48,7 +48,6 @@ from unmodeled.style import (
     side_legend,
     style_axes,
 )
-from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

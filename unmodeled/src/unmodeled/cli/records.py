@@ -32,8 +32,7 @@ from unmodeled.cli.screen import (
     say_written,
     show,
 )
-from unmodeled.errors import InvalidParameter
-from unmodeled.units.quantity import shortened
+from unmodeled.errors import InvalidParameter, shortened
 
 if TYPE_CHECKING:
     from unmodeled import Comparison

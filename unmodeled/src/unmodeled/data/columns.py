@@ -25,11 +25,11 @@ from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, w
 from unmodeled.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from unmodeled.data.tables import read_number, read_table, text_lines
 from unmodeled.data.trackers import read_tracked
-from unmodeled.errors import DataError
+from unmodeled.errors import DataError, shortened
 from unmodeled.files import LARGEST_TABLE, plain_text, read_input
 from unmodeled.files.hdf5 import HDF5_FAULTS, Hdf5Dataset, Hdf5File, open_hdf5
 from unmodeled.units import split_column
-from unmodeled.units.quantity import fault_text, shortened
+from unmodeled.units.quantity import fault_text
 
 _TEXTS = (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm", ".mot", ".sto", ".tra")
 #: Tables of text cells: texts, and workbooks.

@@ -32,7 +32,7 @@ from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of
-from unmodeled.errors import DataError, InvalidParameter, which_column
+from unmodeled.errors import DataError, InvalidParameter, shortened, which_column
 from unmodeled.files import is_file, read_toml, why_missing
 from unmodeled.units import (
     PIXEL,
@@ -44,7 +44,7 @@ from unmodeled.units import (
     weight_hint,
     zero_and_factor,
 )
-from unmodeled.units.quantity import fault_text, shortened, validated
+from unmodeled.units.quantity import fault_text, validated
 
 MOST_RUNS = 1000  # of a file
 

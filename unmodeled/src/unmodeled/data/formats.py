@@ -14,10 +14,9 @@ import numpy as np
 from unmodeled.data.records import Array
 from unmodeled.data.series import MOST_NUMBERS, Columns, limit_text
 from unmodeled.data.tables import read_number
-from unmodeled.errors import DataError
+from unmodeled.errors import DataError, shortened
 from unmodeled.files import LARGEST_TABLE, is_file, plain_text, read_input, read_json
 from unmodeled.units import split_column
-from unmodeled.units.quantity import shortened
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,10 +15,9 @@ import numpy as np
 from unmodeled.data.formats import reading
 from unmodeled.data.series import MOST_NUMBERS, Columns, limit_text
 from unmodeled.data.tables import Lines, Table, plain_name, read_number, style_of
-from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.errors import DataError, InvalidParameter, shortened
 from unmodeled.files import LARGEST_TABLE, plain_text, read_input
 from unmodeled.units import conversion_factor, number_and_unit, spelled_unit
-from unmodeled.units.quantity import shortened
 
 LARGEST_BOOK = 100_000_000  # unpacked bytes of a workbook, whose cells need a second per 5 MB
 #: Settings that state the time between two rows, and the number of rows in a second.

@@ -14,9 +14,9 @@ from unmodeled.data.records import Array, InputMode
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.tables import plain_name
-from unmodeled.errors import DataError, InvalidParameter, which_column
+from unmodeled.errors import DataError, InvalidParameter, shortened, which_column
 from unmodeled.units import PIXEL, conversion_factor, spelled_unit, zero_and_factor
-from unmodeled.units.quantity import fault_text, shortened, validated
+from unmodeled.units.quantity import fault_text, validated
 
 _FRAMES = ("frame", "frames", "frameno", "framenumber", "bild")
 _RUNS = ("run", "runno", "runnumber", "trial", "repeat", "repetition", "take", "specimen", "test",

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 
 from unmodeled.data.records import Array
 from unmodeled.data.tables import Table, plain_name, read_number
-from unmodeled.errors import DataError
+from unmodeled.errors import DataError, shortened
 from unmodeled.units import spelled_unit, split_column
-from unmodeled.units.quantity import shortened
 
 MOST_NUMBERS = 20_000_000  # limit for a file: 160 MB; reading needs a few times as much
 #: Largest number of faults that are listed of a column.

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from unmodeled.errors import shortened
 from unmodeled.search.result import Change, Channel, NamedCause, ParameterValue
 from unmodeled.units import readable_unit
-from unmodeled.units.quantity import shortened
 
 #: Shares of a turn as words.
 TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters of a turn",

@@ -578,7 +578,11 @@ def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record],
     units = {n: u for r, _ in runs for n, u in r.input_units.items()} | dict(model.units)
     factors = {n: _factors_of_input(units.get(n, "")) for n in sorted(shared)}
     for name, factor in ((n, f) for n, group in factors.items() for f in group):
-        why = "is its unit another one than its label" if factor > 0.0 else "the other direction"
+        why = (
+            "is its unit another one than its label"
+            if factor > 0.0
+            else "has it the other direction"
+        )
         yield (
             Hint("input", (name,), f"the model follows all records with {factor:g} times the "
                  f"values of {name}: {why}?"),

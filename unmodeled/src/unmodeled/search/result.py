@@ -501,7 +501,9 @@ class Result:
     def _taken(self, before: Sequence[float], after: Sequence[float]) -> tuple[int, float, float]:
         """The channel in which a change matters most, what it takes away, over what matters."""
         taken = [math.sqrt(max(b * b - a * a, 0.0)) for b, a in zip(before, after, strict=True)]
-        ratios = [t / c.limit for t, c in zip(taken, self.channels, strict=True)]
+        # Noise is in both residuals: what their difference is compared with has none.
+        least = [max(c.good_enough, 1e-300) for c in self.channels]
+        ratios = [t / v for t, v in zip(taken, least, strict=True)]
         k = max(range(len(taken)), key=lambda k: ratios[k])
         return k, taken[k], ratios[k]
 

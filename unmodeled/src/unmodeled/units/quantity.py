@@ -23,7 +23,7 @@ from pydantic import (
     field_validator,
 )
 
-from unmodeled.errors import Error, InvalidParameter, printable, shown
+from unmodeled.errors import Error, InvalidParameter, printable, shortened, shown
 from unmodeled.units.names import conversion_factor
 
 if TYPE_CHECKING:
@@ -125,11 +125,6 @@ def _only_kind(kinds: Sequence[Any], value: object) -> list[Any]:
     kinds = [a for a in kinds if a is not NoneType]
     kinds = [a for a in kinds if (get_origin(a) is list) == lists] or kinds
     return kinds if len(kinds) == 1 and value is not None else []
-
-
-def shortened(text: str, most: int = 80) -> str:
-    """Text for a message, shortened if it would fill the screen."""
-    return text if len(text) <= most else text[: most - 3] + "..."
 
 
 def is_quantity(node: object) -> bool:
