@@ -6,18 +6,10 @@ import pytest
 from unmodeled import Options
 from unmodeled.cli.diagnose import run
 
-#: Options of the command, and fields of ``Options``.
-NAMES = {
-    "credibility": "credibility",
-    "prior": "missing",
-    "max_effects": "most",
-    "seconds": "seconds",
-}
 
-
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["credibility", "prior", "max_effects", "seconds"])
 def test_options_of_a_diagnosis_have_one_default(name):
     (option,) = [p for p in run.params if p.name == name]
     context = click.Context(run)
     default = option.type_cast_value(context, option.get_default(context))
-    assert default == getattr(Options(), NAMES[name])
+    assert default == getattr(Options(), name)

@@ -85,7 +85,7 @@ def test_harmless_variations(csv, text):
         ("clock [s],force [N]\n0,0\n1,1\n", "expected a column time [s]; there are clock, force"),
         ("0,0\n1,1\n2,2\n", "line 1 holds numbers, expected the names of the columns"),
         ("", "0 lines, expected a header"),
-        ("time [s],force [N]\n", "1 lines, expected a header and at least 2 samples"),
+        ("time [s],force [N]\n", "1 line, expected a header and at least 2 samples"),
         ("time [s],force [N]\n0,1\n", "2 lines, expected a header and at least 2 samples"),
         ("time [s],force [N]\n0,0\n1,nan\n", "line 3: force = nan, expected a finite number"),
         ("time [s],force [N]\n0,0\n1,\n", "line 3: force = nan, expected a finite number"),
