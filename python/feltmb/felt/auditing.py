@@ -130,7 +130,7 @@ def _audited(
         return law.law(), envelope_curves(law.core), law.about, shape_findings(law.core)
     if isinstance(law, LawChoice):
         return _audited_contact(law, reach)
-    core = law.core if isinstance(law, Law) else law
+    core = core_law(law)
     return core, law_curves(core, reach), "", []
 
 

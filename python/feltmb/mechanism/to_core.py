@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from feltmb import _core
+from feltmb.contact import Law
 from feltmb.contact.tables import make_core, to_core
 from feltmb.mechanism.schema import (
     Body,
@@ -47,8 +48,12 @@ def with_leads(config: MechanismFile, name: str) -> Body:
 
 
 @checked
-def core_law(contact: LawChoice | Pad) -> _core.ContactLaw:
-    """Law of a contact for the core."""
+def core_law(contact: LawChoice | Pad | Law | _core.ContactLaw) -> _core.ContactLaw:
+    """Law of a contact for the core; one that is made already as it is."""
+    if isinstance(contact, Law):
+        return contact.core
+    if isinstance(contact, _core.ContactLaw):
+        return contact
     if isinstance(contact, Pad) or contact.law != "micromechanical":
         return make_core(contact.law, contact)
     layer = contact.micromechanical

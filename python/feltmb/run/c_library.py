@@ -45,8 +45,7 @@ def export_felt_c(
     FileExists
         A file exists and ``force`` is false.
     """
-    core = law.core if isinstance(law, Law) else law
-    text = _core.write_law(core if isinstance(core, _core.ContactLaw) else core_law(core))
+    text = _core.write_law(core_law(law))
     package = Path(_core.__file__).parent
     places = (package, package.parents[1] / "cpp" / "include")  # installed, and a clone
     header = next((p / HEADER for p in places if (p / HEADER).is_file()), None)

@@ -220,9 +220,7 @@ def export_felt(
     """
     path = Path(path)
     check_suffix(path, ".fmu")
-    core = law.core if isinstance(law, Law) else law
-    if not isinstance(core, _core.ContactLaw):
-        core = core_law(core)
+    core = core_law(law)
     body = _core.write_law(core)
     # A law may have a number with the name of an input or of the time.
     numbers = [

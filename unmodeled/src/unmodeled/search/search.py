@@ -468,7 +468,7 @@ def _climb(
 def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]) -> None:
     """Fit every cause and parameter with the same column as a member of the best set in its place.
 
-    What is known of the columns costs no fit: it stays if the time is up before the fits.
+    If the time is up before the fits, the causes with the same column are not in the answer.
     """
     now = found.ranked()[0][0]
     if not now.members:
