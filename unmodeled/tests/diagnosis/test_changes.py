@@ -132,6 +132,16 @@ def test_all_changes_of_a_kind_leave_the_same():
     assert found["more"].after == pytest.approx(c.share(c.held_out_explained), rel=1e-9)
 
 
+def test_what_the_model_does_not_allow_comes_before_parameters_within_their_tolerances():
+    model, records = machine(a=0.85, b=1.2)
+    records, more = constant(records, 0.05)
+    report = diagnose(model, [more], records, hold_out=["r3"])
+    effect, *others = report.changes
+    assert [effect.name, *sorted(c.name for c in others)] == ["more", "a", "b"]
+    assert all(c.within and c.takes > effect.takes for c in others)
+    assert "and 1 more parameter differs within its tolerance: with all 3" in report.summary()
+
+
 def test_without_a_single_cause_the_calibrated_model_remains():
     """b takes up a part of a constant; what it can take up is not taken away by the constant."""
     model, records = machine()

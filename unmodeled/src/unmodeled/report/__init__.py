@@ -126,8 +126,7 @@ def _statement(result: Result) -> str:
         first = f"The cause is not known: {misses}. {_unexplained(result)}."
     elif result.changes:
         told = [clause(x) for x in result.changes[:HEADLINE]]
-        rest = len(result.changes) - len(told)
-        told += [f"{rest} more change{'s are' if rest > 1 else ' is'} in the list"] if rest else []
+        told += _others(result.changes[HEADLINE:])
         unnamed = _unnamed(result)
         told += [f"{joined(unnamed)}, a part of the fit that is not named"] if unnamed else []
         count = len(result.changes) + len(unnamed)
@@ -150,6 +149,15 @@ def _statement(result: Result) -> str:
             " No effect inside the model was tested; errors of inputs and sensors may imitate one."
         )
     return f"{first} {_remains(result)}"
+
+
+def _others(rest: Sequence[Change]) -> list[str]:
+    """The changes of the list that the first sentence does not tell, as a number."""
+    many = len(rest) > 1
+    if rest and all(c.within for c in rest):
+        thing = f"{len(rest)} more parameters differ" if many else "1 more parameter differs"
+        return [f"{thing} within {'their tolerances' if many else 'its tolerance'}"]
+    return [f"{len(rest)} more change{'s are' if many else ' is'} in the list"] if rest else []
 
 
 def _unexplained(result: Result) -> str:

@@ -419,7 +419,11 @@ class Result:
 
     @cached_property
     def changes(self) -> tuple[Change, ...]:
-        """The answer: what changes, by how much, and what it takes away, the largest first.
+        """The answer: what changes, by how much, and what it takes away.
+
+        What the model does not allow comes first: effects, errors of the records, and parameters
+        outside their tolerances. Parameters within their tolerances follow. Among both, the change
+        that takes away most is the first.
 
         A change is listed if it takes away more than what does not matter, a supported one always,
         and a fitted parameter only if its interval excludes zero. If the verdict is UNKNOWN,
@@ -443,7 +447,12 @@ class Result:
             if c.tier == "supported"
             or (c.matters and (c.tier != "fitted" or not c.low <= 0.0 <= c.high))
         ]
-        return tuple(sorted(listed, key=lambda c: -np.nan_to_num(c.takes, nan=math.inf)))
+
+        def place(c: Change) -> tuple[bool, float]:
+            expected = c.tier == "fitted" and c.within is True
+            return expected, -float(np.nan_to_num(c.takes, nan=math.inf))
+
+        return tuple(sorted(listed, key=place))
 
     def _change(
         self,
