@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from blind import rigs
-from blind.imperfect.generate import load
+from blind.imperfect.generate import SEED, load
 from blind.imperfect.machines import TABLES
 from blind.imperfect.stated import stated, to_records
 from blind.marks import Cause, Truth
@@ -77,9 +77,9 @@ class Set:
 FOREIGN_ROWS = 10
 
 
-def _imperfect(machine: int, row: int, cache: Path) -> Task:
+def _imperfect(machine: int, row: int, folder: Path, seed: int = SEED) -> Task:
     table = TABLES[machine]
-    made = load(table, machine, cache / "imperfect")[row]
+    made = load(table, machine, folder, seed)[row]
     records = to_records(table, made.records, made.noise)
     model, effects = stated(table, records[0])
     about = f"{table.name}, discrepancy {made.row.share:.1%}"
@@ -97,9 +97,18 @@ def _imperfect(machine: int, row: int, cache: Path) -> Task:
     return Task(model, effects, records, truth)
 
 
-def _make_imperfect(machines: set[int], cache: Path) -> None:
-    for k in sorted(machines):
-        load(TABLES[k], k, cache / "imperfect")
+def imperfect(seed: int, count: int) -> Set:
+    """The imperfect machines with a seed, at most ten cases of each."""
+    name = "imperfect" if seed == SEED else f"imperfect-{seed}"
+
+    def make(numbers: Sequence[int], cache: Path) -> None:
+        for k in sorted({n // FOREIGN_ROWS for n in numbers}):
+            load(TABLES[k], k, cache / name, seed)
+
+    def task(number: int, cache: Path) -> Task:
+        return _imperfect(number // FOREIGN_ROWS, number % FOREIGN_ROWS, cache / name, seed)
+
+    return Set(name, min(count, FOREIGN_ROWS * len(TABLES)), task, make)
 
 
 # ---------------------------------------------------------------- blind benches
@@ -638,17 +647,14 @@ def _of(tasks: Sequence[Callable[[], Task]]) -> Callable[[int, Path], Task]:
 SETS: dict[str, Set] = {
     s.name: s
     for s in (
-        Set(
-            "imperfect",
-            FOREIGN_ROWS * len(TABLES),
-            lambda n, cache: _imperfect(n // FOREIGN_ROWS, n % FOREIGN_ROWS, cache),
-            lambda numbers, cache: _make_imperfect({n // FOREIGN_ROWS for n in numbers}, cache),
-        ),
+        imperfect(SEED, FOREIGN_ROWS * len(TABLES)),
         Set(
             "perfect",
             2 * len(TABLES),
-            lambda n, cache: _imperfect(n // 2, FOREIGN_ROWS + n % 2, cache),
-            lambda numbers, cache: _make_imperfect({n // 2 for n in numbers}, cache),
+            lambda n, cache: _imperfect(n // 2, FOREIGN_ROWS + n % 2, cache / "imperfect"),
+            lambda numbers, cache: SETS["imperfect"].make(
+                [n // 2 * FOREIGN_ROWS for n in numbers], cache
+            ),
         ),
         small(SMALL_SEED, SMALL_CASES),
         action(ACTION_SEED, ACTION_CASES),
@@ -659,4 +665,8 @@ SETS: dict[str, Set] = {
     )
 }
 #: Sets that can be drawn with a new seed.
-SEALED: Mapping[str, Callable[[int, int], Set]] = {"small": small, "action": action}
+SEALED: Mapping[str, Callable[[int, int], Set]] = {
+    "imperfect": imperfect,
+    "small": small,
+    "action": action,
+}

@@ -214,13 +214,13 @@ class _Drawn:
     count: int
 
 
-def _draw(table: Table, index: int, rows: Sequence[int]) -> _Drawn:
+def _draw(table: Table, index: int, rows: Sequence[int], seed: int) -> _Drawn:
     time: Array = table.step * np.arange(table.samples, dtype=np.float64)
     given: dict[str, list[Array]] = {}
     p: dict[str, list[float]] = {n: [] for n in table.parameters}
     varied: dict[str, list[float]] = {n: [] for n in table.varied}
     for row in rows:
-        rng = np.random.default_rng([SEED, index, row])
+        rng = np.random.default_rng([seed, index, row])
         own = {
             n: v + sd * float(np.clip(rng.standard_normal(), -2.0, 2.0))
             for n, (v, sd) in table.parameters.items()
@@ -251,7 +251,9 @@ def _by_case(table: Table, outputs: Values, case: int) -> list[Array]:
     return [outputs[c][:, fit].T.ravel() for c in table.outputs]
 
 
-def make(table: Table, index: int, rows: Sequence[int] | None = None) -> list[Made]:
+def make(
+    table: Table, index: int, rows: Sequence[int] | None = None, seed: int = SEED
+) -> list[Made]:
     """Simulate cases of a machine, with causes of the wanted sizes.
 
     Parameters
@@ -262,9 +264,11 @@ def make(table: Table, index: int, rows: Sequence[int] | None = None) -> list[Ma
         Its number, a part of the seeds.
     rows
         Which of :data:`ROWS`; default all.
+    seed
+        Of inputs, parameters and noise.
     """
     rows = list(range(len(ROWS))) if rows is None else list(rows)
-    d = _draw(table, index, rows)
+    d = _draw(table, index, rows, seed)
     names = list(table.parameters)
     # The plain machine, and with each parameter moved: what the parameters can take up.
     moved = [d.p] + [d.p | {n: d.p[n] + 0.2 * table.parameters[n][1]} for n in names]
@@ -373,7 +377,7 @@ def make(table: Table, index: int, rows: Sequence[int] | None = None) -> list[Ma
     time: Array = table.step * np.arange(table.samples, dtype=np.float64)
     made = []
     for k, (row, design_row) in enumerate(zip(rows, design, strict=True)):
-        rng = np.random.default_rng([SEED, index, row, 1])
+        rng = np.random.default_rng([seed, index, row, 1])
         noise = {
             c: float(f"{NOISE * m:.2g}") for c, m in zip(table.outputs, motion[k], strict=True)
         }
@@ -429,11 +433,11 @@ def save(path: Path, made: Sequence[Made]) -> None:
     partial.replace(path)
 
 
-def load(table: Table, index: int, folder: Path) -> list[Made]:
+def load(table: Table, index: int, folder: Path, seed: int = SEED) -> list[Made]:
     """Cases of a machine from the cache, which is filled if it has none."""
     path = folder / f"{table.name}.npz"
     if not path.exists():
-        save(path, make(table, index))
+        save(path, make(table, index, seed=seed))
     with np.load(path) as file:
         plain = json.loads(str(file["plain"]))
         names = [n.split("/") for n in file.files if n != "plain"]
