@@ -5,9 +5,9 @@
     python bench/blind/yardstick.py small --seed 20281201 --count 100    a sealed half
 
 An engine is a function ``(model, effects, records, seconds) -> Answer``, given by ``--engine
-MODULE:FUNCTION``; the default is feltmb. With a new seed, the truths of ``imperfect``, ``small`` and
-``action`` are drawn and hashed before anything is diagnosed. Each case runs in a process of its own
-with a limit of processor time; no answer within it is the answer "none". Answers are lines of
+MODULE:FUNCTION``; the default is feltmb. With a new seed, the truths of ``imperfect``, ``small``
+and ``action`` are drawn and hashed before anything is diagnosed. Each case runs in a process of its
+own with a limit of processor time; no answer within it is the answer "none". Answers are lines of
 ``bench/results/yardstick/LABEL.jsonl``; a case that has an answer is not repeated. Sets: see
 :mod:`blind.yardstick_sets`; marks: see :mod:`blind.marks`.
 """
@@ -228,8 +228,7 @@ def main() -> None:
             numbers = case_numbers(given.cases, cases.count)
         cases.make(numbers, given.cache)
         if given.seed is not None:
-            truths = [json.dumps(asdict(cases.task(n, given.cache).truth)) for n in numbers]
-            seal = hashlib.sha256("\n".join(truths).encode()).hexdigest()
+            seal = hashlib.sha256((given.cache / name / "truths.json").read_bytes()).hexdigest()
             print(f"{name}: SHA-256 of the truths: {seal}", flush=True)
         if given.make:
             continue

@@ -102,8 +102,11 @@ def imperfect(seed: int, count: int) -> Set:
     name = "imperfect" if seed == SEED else f"imperfect-{seed}"
 
     def make(numbers: Sequence[int], cache: Path) -> None:
+        made = {}
         for k in sorted({n // FOREIGN_ROWS for n in numbers}):
-            load(TABLES[k], k, cache / name, seed)
+            cases = load(TABLES[k], k, cache / name, seed)
+            made[TABLES[k].name] = [(m.parameters, m.size, m.foreign) for m in cases]
+        (cache / name / "truths.json").write_text(json.dumps(made), encoding="utf-8")
 
     def task(number: int, cache: Path) -> Task:
         return _imperfect(number // FOREIGN_ROWS, number % FOREIGN_ROWS, cache / name, seed)

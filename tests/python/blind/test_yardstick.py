@@ -207,6 +207,13 @@ def test_effect_has_the_wanted_size_and_the_cache_is_the_same(tmp_path):
     assert np.array_equal(read_back[1].records[3]["speed"], made[1].records[3]["speed"])
 
 
+def test_a_new_seed_draws_other_machines():
+    index, machine = _short("fan")
+    one, other, again = (make(machine, index, [0], seed)[0] for seed in (1, 2, 1))
+    assert one.parameters == again.parameters
+    assert one.parameters != other.parameters
+
+
 def test_held_out_records_are_of_the_last_runs():
     index, machine = _short("fan")
     (made,) = make(machine, index, [0])
