@@ -206,7 +206,7 @@ def test_a_probable_cause_that_takes_away_less_than_what_matters_has_no_name(spr
     assert "less than what matters: preload (" in note
     found = four(spring, causes, preload=0.2)
     assert [n.cause for n in found.named] == ["preload"]
-    assert [c.name for c in found.changes] == ["k", "preload"]
+    assert [c.name for c in found.changes] == ["preload", "k"]
 
 
 @pytest.mark.parametrize("foreign", [0.07, 0.15])

@@ -590,14 +590,15 @@ def _covariance(problem: Problem, fitted: Fitted) -> Array:
 def _precision(problem: Problem, fitted: Fitted) -> tuple[NormalEquations, Array]:
     """Normal equations of a set, and the covariance of its global unknowns in their scales.
 
-    What an estimate has taken up of a discrepancy is not seen. It may be as large as what is left,
-    so that the discrepancy counts as one sample.
+    What an estimate has taken up of a discrepancy is not seen. It may be larger than what is left,
+    so that the discrepancy counts as half a sample: of the numbers 1/4, 1/2, 0.7 and 1, it has the
+    least interval score on the imperfect machines of the yardstick.
     """
     samples = np.maximum(problem.samples, 1.0)
     left = np.maximum(fitted.noise / np.maximum(_white(problem, fitted), 1.0), 1.0) ** 2
     weight = (
         left
-        * precision(left, 1.0 / (fitted.effective * samples), discrepancy_samples=1.0)
+        * precision(left, 1.0 / (fitted.effective * samples), discrepancy_samples=0.5)
         / samples
     )
     point, linears = fitted.point, fitted.linears
