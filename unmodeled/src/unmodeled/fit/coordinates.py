@@ -171,6 +171,8 @@ class Coupling:
     position: str = ""
     """State that is its position, such as the twist of a shaft; empty: the position follows from
     those of the coordinates."""
+    position_scale: float = 1.0
+    """Position per value of this state: 1 / stiffness for a state that is the force of a spring."""
     speed: str = ""
     """Empty: no state is its speed."""
 
@@ -189,7 +191,7 @@ class Coupling:
         """Position and speed; the position is None if the model has none."""
         (q, v), (r, w) = self.first.motion(x), self.second.motion(x)
         if self.position:
-            q = x[self.position]
+            q = self.position_scale * x[self.position]
         elif q is not None:
             q = None if r is None else q - self.ratio * r
         return q, v - self.ratio * w

@@ -32,9 +32,10 @@ class Slopes:
     states: Values
     parameters: Values
 
-    def __call__(self, rate: str, by: str) -> Array:
-        step = STEP * self.states[by]
-        moved = ({**self.states, by: self.states[by] + s} for s in (step, -step))
+    def by(self, rate: str, state: str) -> Array:
+        """Derivative of a rate by a state."""
+        step = STEP * self.states[state]
+        moved = ({**self.states, state: self.states[state] + s} for s in (step, -step))
         above, below = (self.rates(x, self.parameters)[rate] for x in moved)
         return (above - below) / (2.0 * step)
 
@@ -69,7 +70,8 @@ def couplings_in(
         Units of the parameters that may be inertias, by name.
     """
     found: list[Coupling] = []
-    assumed, untold = [], []
+    assumed: list[str] = []
+    untold: list[str] = []
     for one, other in itertools.combinations(coordinates, 2):
         with np.errstate(all="ignore"):
             pair = _pair(one, other, tabulated, varied)
@@ -93,6 +95,7 @@ def couplings_in(
                 ratio=ratio,
                 unit=parts[0].unit,
                 position=pair.position,
+                position_scale=pair.scale,
             )
         )
     return Found(tuple(found), tuple(assumed), tuple(untold))
@@ -105,7 +108,9 @@ class _Pair:
     first: Coordinate
     second: Coordinate
     position: str = ""
-    """State that is the difference of both positions; empty: there is none."""
+    """State that is in proportion to the difference of both positions; empty: there is none."""
+    scale: float = 1.0
+    """Difference of the positions per value of this state."""
     ratio: float = 0.0
     """Ratio, if the rate of this state tells it."""
     ways: tuple[tuple[str, str], ...] = ()
@@ -113,24 +118,21 @@ class _Pair:
     def pulls(self, slopes: Slopes, way: tuple[str, str]) -> tuple[Array, Array]:
         """Derivatives of both accelerations, which are in proportion to 1 / inertia."""
         factor = -self.ratio if way[0] == way[1] else 1.0
-        return factor * slopes(self.first.speed, way[0]), slopes(self.second.speed, way[1])
+        return factor * slopes.by(self.first.speed, way[0]), slopes.by(self.second.speed, way[1])
 
 
 def _pair(one: Coordinate, other: Coordinate, tabulated: Slopes, varied: Slopes) -> _Pair:
     """The pair with the ways in which its accelerations depend on the other body."""
     pair = _Pair(one, other)
-    if not (one.position and other.position):
-        for state in tabulated.states:
-            by_one, by_other = (varied(state, c.speed) for c in (one, other))
-            speeds = by_one * varied.states[one.speed] + by_other * varied.states[other.speed]
-            if not (by_one.all() and by_other.all()):
-                continue
-            if not _alike(varied.rates(varied.states, varied.parameters)[state], speeds):
-                continue
-            if _alike(by_one, 1.0) and _alike(by_other, by_other[0]):
-                pair = _Pair(one, other, state, _rounded(-by_other[0]))
-            elif _alike(by_other, 1.0) and _alike(by_one, by_one[0]):
-                pair = _Pair(other, one, state, _rounded(-by_one[0]))
+    for state in tabulated.states if not (one.position and other.position) else ():
+        by_one, by_other = (varied.by(state, c.speed) for c in (one, other))
+        speeds = by_one * varied.states[one.speed] + by_other * varied.states[other.speed]
+        rate = varied.rates(varied.states, varied.parameters)[state]
+        if by_one.all() and by_other.all() and _alike(rate, speeds):
+            ratio = -by_other / by_one
+            if _alike(ratio, ratio[0]):
+                scale = 1.0 / float(tabulated.by(state, one.speed)[0])
+                pair = _Pair(one, other, state, _rounded(scale), _rounded(ratio[0]))
     first, second, state = pair.first, pair.second, pair.position
     ways = ((state, state) if state else (second.position, first.position),
             (second.speed, first.speed))  # fmt: skip
@@ -181,19 +183,18 @@ def _ratio(pair: _Pair, tabulated: Slopes, varied: Slopes) -> tuple[float, bool]
     equal units, unless the wrong ones exclude that: a pull at the first body lowers its ratio, and
     one at the second raises its. 0: nothing tells it.
     """
-    rows = [
-        (_row(tabulated, c.speed, *way), _row(varied, c.speed, *way))
-        for way in pair.ways
-        for c in (pair.first, pair.second)
-    ]
+    at, there = (
+        np.array([_row(of, c.speed, *w) for w in pair.ways for c in (pair.first, pair.second)])
+        for of in (tabulated, varied)
+    )
+    good = np.isfinite(at + there).all(axis=0)  # elsewhere nothing acts, as within a clearance
+    at, there = at[:, good], there[:, good]
     told = [
-        _rounded(at[0])
-        for i, (at, there) in enumerate(rows)
-        if _alike(at, at[0])
-        and (
-            _alike(there, at[0])
-            or any(_alike(there, v) for k, (_, v) in enumerate(rows) if k != i)
-        )
+        _rounded(row[0])
+        for i, row in enumerate(at)
+        if row.size
+        and _alike(row, row[0])
+        and any(_alike(there[i], v) for v in (row[0], *there[:i], *there[i + 1 :]))
     ]
     equal = same_unit(pair.first.travel_unit, pair.second.travel_unit)
     if equal and 1.0 in told:
@@ -201,13 +202,12 @@ def _ratio(pair: _Pair, tabulated: Slopes, varied: Slopes) -> tuple[float, bool]
     most = [r for r in dict.fromkeys(told) if told.count(r) == max(map(told.count, told))]
     if len(most) == 1:
         return most[0], True
-    values = np.concatenate([at for at, _ in rows])
-    return float(equal and np.nanmin(values) <= 1.0 <= np.nanmax(values)), False
+    return float(equal and at.size > 0 and at.min() <= 1.0 <= at.max()), False
 
 
 def _row(slopes: Slopes, rate: str, by_second: str, by_first: str) -> Array:
     """Ratio along which a rate is constant."""
-    return -slopes(rate, by_second) / slopes(rate, by_first)
+    return -slopes.by(rate, by_second) / slopes.by(rate, by_first)
 
 
 def _alike(values: Array | float, other: Array | float) -> bool:

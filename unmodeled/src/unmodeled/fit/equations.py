@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -16,7 +16,7 @@ from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.batch import sensitivities, simulated
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, force_unit, values_of
-from unmodeled.fit.couplings import Found, Slopes, Values, couplings_in
+from unmodeled.fit.couplings import ERROR, STEP, Found, Slopes, Values, couplings_in
 from unmodeled.fit.model import (
     BETWEEN,
     INTERPOLATION,
@@ -267,7 +267,8 @@ class Equations(Model):
             if isinstance(c, Coordinate)
         ]
         coupled = [
-            f"{c.name} (ratio {c.ratio:g}{', assumed' * (c.name in self._coupled.assumed)}, "
+            f"{c.name} (ratio {c.ratio:g}{f', sizes at {c.first.name}' * (abs(c.ratio) != 1.0)}"
+            f"{', assumed' * (c.name in self._coupled.assumed)}, "
             f"inertias {c.first.inertia or 1} and {c.second.inertia}"
             f"{' times as large' * (c.first.inertia is None)})"
             for c in self.coordinates
@@ -368,21 +369,54 @@ class Equations(Model):
             states[coupling.position] = 0.0 * v
         elif second.position:
             states[second.position] = q / coupling.ratio
-        u = Named({n: record.inputs[n] for n in self.inputs})
-        p = Named({q.name: q.value for q in self.parameters})
-        k = [s.name for s in self._states].index(first.speed)
-
-        def at(x: Mapping[str, Array]) -> Array:
-            """Acceleration by arrays, or by numbers if the rates do not take arrays."""
-            try:
-                return 0.0 * v + self._rates(record.time, Named(x), u, p)[k]
-            except Exception:
-                rows = ({n: w[i] for n, w in of.items()} for i in range(v.size) for of in (x, values_of(u)))
-                return np.array([self._rates(t, Named(next(rows)), Named(next(rows)), p)[k] for t in record.time])
-
         with np.errstate(all="ignore"):
-            pushed = first.push(np.float64(1.0), record.time, x, u, p)[first.speed]
-            return np.asarray((at(values_of(x)) - at(states)) / pushed)
+            given = self._given(record)
+            pushed = first.push(np.float64(1.0), record.time, x, *given)[first.speed]
+            there, moved = (
+                self._along(record, values)[first.speed] for values in (x, Named(states))
+            )
+            return np.asarray((there - moved) / pushed)
+
+    def is_parameter(self, effect: Effect, record: Record, x: Named) -> bool:
+        """Whether an effect acts along a path as a change of a parameter with a tolerance does.
+
+        The rates change in proportion: a linear spring beside one whose stiffness is a parameter.
+        """
+        if effect.rate is None or effect.hidden or effect.shapes != (None,):
+            return False
+        change = effect.rate(record.time, x, *self._given(record), 1.0, None)
+        own = np.stack([change.get(s.name, 0.0) + 0.0 * record.time for s in self._states])
+        for q in (q for q in self.parameters if q.sd > 0.0 and not q.name.startswith(BETWEEN)):
+            step = STEP * (abs(q.value) or q.size)
+            ends = [self._along(record, x, {q.name: q.value + s}) for s in (step, -step)]
+            slope = np.stack([ends[0][s.name] - ends[1][s.name] for s in self._states])
+            share = np.vdot(own, slope) / np.vdot(own, own)
+            if slope.any() and np.linalg.norm(slope - share * own) <= ERROR * np.linalg.norm(slope):
+                return True
+        return False
+
+    def _given(
+        self, record: Record, changed: Mapping[str, float] | None = None
+    ) -> tuple[Named, Named]:
+        """Inputs of a record, and tabulated parameters but for those that are changed."""
+        p = {q.name: q.value for q in self.parameters if not q.name.startswith(BETWEEN)}
+        return Named({n: record.inputs[n] for n in self.inputs}), Named(p | dict(changed or {}))
+
+    def _along(
+        self, record: Record, x: Named, changed: Mapping[str, float] | None = None
+    ) -> dict[str, Array]:
+        """Rates by state along a path: by arrays, or by numbers if they do not take arrays."""
+        u, p = self._given(record, changed)
+        try:
+            found = self._rates(record.time, x, u, p)
+        except Exception:
+            rows = []
+            for i, t in enumerate(record.time):
+                at, given = (Named({n: v[i] for n, v in values_of(of).items()}) for of in (x, u))
+                rows.append(self._rates(t, at, given, p))
+            found = np.array(rows).T
+        names = [s.name for s in self._states]
+        return {n: 0.0 * record.time + v for n, v in zip(names, found, strict=True)}
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has a ``rate``, or is a sensor or input effect."""
@@ -667,7 +701,7 @@ class Trial:
 
     inputs: tuple[str, ...] = ()
     coordinates: tuple[Coordinate, ...] = ()
-    coupled: Found = Found()
+    coupled: Found = field(default_factory=Found)
 
 
 def trial(
@@ -745,12 +779,14 @@ def trial(
         for i, v in enumerate(states)
         if v.name not in used and _travel_unit(v.unit)
     ]
+    masses = {q.name: q.unit for q in parameters if _massive(q)}
+
+    def by_name(x: Values, p: Values) -> Values:
+        return dict(zip((s.name for s in states), at(p, x), strict=True))
+
     try:
-        names = [s.name for s in states]
-        by_name = lambda x, p: dict(zip(names, at(p, x), strict=True))  # noqa: E731
-        tabulated = {q.name: np.full(POINTS, q.value) for q in parameters}
-        slopes = (Slopes(by_name, x, values) for values in (tabulated, p))
-        coupled = couplings_in(found, *slopes, {q.name: q.unit for q in parameters if _massive(q)})
+        tabulated = Slopes(by_name, x, {q.name: np.full(POINTS, q.value) for q in parameters})
+        coupled = couplings_in(found, tabulated, Slopes(by_name, x, p), masses)
     except Exception:  # as above
         coupled = Found()
     return Trial(tuple(values_of(u)), tuple(found), coupled)

@@ -169,17 +169,20 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             rate * _inertia(model, c.parts[0], r, x)
             for rate, (r, _), x in zip(rates(speed), paths, named, strict=True)
         ]
-        if isinstance(c, Coupling) and isinstance(model, Equations):
-            inside = [model.force_in(c, r, x) for (r, _), x in zip(paths, named, strict=True)]
+        within = model if isinstance(model, Equations) and isinstance(c, Coupling) else None
+        if within is not None and isinstance(c, Coupling):
+            inside = [within.force_in(c, r, x) for (r, _), x in zip(paths, named, strict=True)]
             forces = inside if np.any(np.concatenate(inside)) else forces
         pace, force = _typical(np.concatenate(speed)), _typical(np.concatenate(forces))
-        yield from for_coordinate(
+        for effect in for_coordinate(
             c,
             force=force,
             travel=travel,
             speed=pace,
             time=travel / pace,
-        )
+        ):
+            if within is None or not within.is_parameter(effect, paths[0][0], named[0]):
+                yield effect
         for name in model.inputs:
             unit = model.units.get(name) or next(
                 (r.input_units.get(name, "") for r, _ in paths), ""
