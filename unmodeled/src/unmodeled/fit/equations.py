@@ -78,7 +78,8 @@ class Equations(Model):
         Coordinates of a mechanical system, and couplings between them; each is also a port for
         unknown forces. Default: every state whose rate is another state, and every other state in
         m/s, rad/s, mm/s or deg/s, which is a speed without a position; the inertia is the parameter
-        in kg or kg m^2 that divides all forces.
+        in kg or kg m^2 that divides all forces. And a coupling between each two of them whose
+        rates show a force that acts on both.
     ports
         Name -> state whose rate an unknown quantity may change, for systems of first order.
         Default: every state that belongs to no coordinate, if the coordinates have their default.
