@@ -117,6 +117,20 @@ def test_a_state_that_is_the_twist_or_the_torque_of_a_shaft_is_its_position(stif
     assert "leak z" not in names  # it is no level
 
 
+def test_a_clutch_between_two_speeds_has_laws_of_the_speed():
+    def rates(t, x, u, p):
+        torque = p.k * (x.v - x.w)
+        return -torque / p.J, torque / p.I  # no input: each rate is in proportion to a difference
+
+    model, (found,) = couplings(rates, {"v": "rad/s", "w": "rad/s"}, WHEELS)
+    assert (found.position, found.ratio) == ("", 1.0)
+    time = np.linspace(0.0, 1.0, 101)
+    record = Record(name="r", time=time, inputs={}, outputs={"v": np.cos(time)})
+    names = [e.name for e in candidates(model, [record]) if e.component == "between v and w"]
+    assert "dry friction between v and w" in names
+    assert not [n for n in names if "stiffness" in n or "dead zone" in n]
+
+
 def double_pendulum(t, x, u, p):
     """Angles that are absolute: what is between them acts through the inertia of both."""
     c, s = np.cos(x.a - x.b), np.sin(x.a - x.b)

@@ -72,9 +72,11 @@ def couplings_in(
     found: list[Coupling] = []
     assumed: list[str] = []
     untold: list[str] = []
+    own = {n for c in coordinates for n in (c.position, c.speed)}
+    between = [n for n in tabulated.states if n not in own]
     for one, other in itertools.combinations(coordinates, 2):
         with np.errstate(all="ignore"):
-            pair = _pair(one, other, tabulated, varied)
+            pair = _pair(one, other, between, tabulated, varied)
             if not pair.ways or (inertias := _inertias(pair, tabulated, masses)) is None:
                 continue
             ratio, told = (pair.ratio, True) if pair.position else _ratio(pair, tabulated, varied)
@@ -121,10 +123,19 @@ class _Pair:
         return factor * slopes.by(self.first.speed, way[0]), slopes.by(self.second.speed, way[1])
 
 
-def _pair(one: Coordinate, other: Coordinate, tabulated: Slopes, varied: Slopes) -> _Pair:
-    """The pair with the ways in which its accelerations depend on the other body."""
+def _pair(
+    one: Coordinate,
+    other: Coordinate,
+    between: Sequence[str],
+    tabulated: Slopes,
+    varied: Slopes,
+) -> _Pair:
+    """The pair with the ways in which its accelerations depend on the other body.
+
+    ``between``: states of no coordinate, one of which may be the deflection of the coupling.
+    """
     pair = _Pair(one, other)
-    for state in tabulated.states if not (one.position and other.position) else ():
+    for state in between if not (one.position and other.position) else ():
         by_one, by_other = (varied.by(state, c.speed) for c in (one, other))
         speeds = by_one * varied.states[one.speed] + by_other * varied.states[other.speed]
         rate = varied.rates(varied.states, varied.parameters)[state]

@@ -387,6 +387,8 @@ class Equations(Model):
             return False
         change = effect.rate(record.time, x, *self._given(record), 1.0, None)
         own = np.stack([change.get(s.name, 0.0) + 0.0 * record.time for s in self._states])
+        if not own.any():
+            return False
         for q in (q for q in self.parameters if q.sd > 0.0 and not q.name.startswith(BETWEEN)):
             step = STEP * (abs(q.value) or q.size)
             ends = [self._along(record, x, {q.name: q.value + s}) for s in (step, -step)]

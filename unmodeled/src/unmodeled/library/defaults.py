@@ -181,7 +181,8 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             speed=pace,
             time=travel / pace,
         ):
-            if within is None or not within.is_parameter(effect, paths[0][0], named[0]):
+            along = ((r, x) for (r, _), x in zip(paths, named, strict=True))
+            if within is None or not any(within.is_parameter(effect, *at) for at in along):
                 yield effect
         for name in model.inputs:
             unit = model.units.get(name) or next(
