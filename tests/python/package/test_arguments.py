@@ -974,6 +974,7 @@ CALLS = {
         "unit": "N",
         "scale": 1.0,
         "position": "",
+        "position_scale": 1.0,
         "speed": "",
     },
     "unmodeled.fit.Coupling.motion": None,  # inside the right-hand side, once a step

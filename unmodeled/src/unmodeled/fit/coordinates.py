@@ -21,6 +21,13 @@ def _turns(unit: str) -> bool:
     return si == "N m" or si.startswith("rad")
 
 
+def force_unit(travel: str, inertia: object) -> str:
+    """Unit of the forces on a coordinate: of accelerations, if its inertia is not known."""
+    if inertia is None:
+        return f"{travel}/s^2"
+    return "N m" if same_unit(travel, "rad") else "N"
+
+
 @checked
 class Named:
     """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry per job, (B,)."""
@@ -162,8 +169,12 @@ class Coupling:
     scale: float = 1.0
     """Typical force in the coupling [unit]."""
     position: str = ""
-    """Empty: no state is its position or its speed."""
+    """State that is its position, such as the twist of a shaft; empty: the position follows from
+    those of the coordinates."""
+    position_scale: float = 1.0
+    """Position per value of this state: 1 / stiffness for a state that is the force of a spring."""
     speed: str = ""
+    """Empty: no state is its speed."""
 
     @property
     def travel_unit(self) -> str:
@@ -177,9 +188,13 @@ class Coupling:
 
     @unchecked
     def motion(self, x: Named) -> tuple[Any, Any]:
-        """Position and speed."""
+        """Position and speed; the position is None if the model has none."""
         (q, v), (r, w) = self.first.motion(x), self.second.motion(x)
-        return q - self.ratio * r, v - self.ratio * w
+        if self.position:
+            q = self.position_scale * x[self.position]
+        elif q is not None:
+            q = None if r is None else q - self.ratio * r
+        return q, v - self.ratio * w
 
     @unchecked
     def push(self, force: Any, t: Any, x: Named, u: Named, p: Named) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +15,8 @@ from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.batch import sensitivities, simulated
-from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, values_of
+from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, force_unit, values_of
+from unmodeled.fit.couplings import ERROR, STEP, Found, Slopes, Values, couplings_in
 from unmodeled.fit.model import (
     BETWEEN,
     INTERPOLATION,
@@ -77,7 +78,8 @@ class Equations(Model):
         Coordinates of a mechanical system, and couplings between them; each is also a port for
         unknown forces. Default: every state whose rate is another state, and every other state in
         m/s, rad/s, mm/s or deg/s, which is a speed without a position; the inertia is the parameter
-        in kg or kg m^2 that divides all forces.
+        in kg or kg m^2 that divides all forces. And a coupling between each two of them whose
+        rates show a force that acts on both.
     ports
         Name -> state whose rate an unknown quantity may change, for systems of first order.
         Default: every state that belongs to no coordinate, if the coordinates have their default.
@@ -129,8 +131,9 @@ class Equations(Model):
         self.outputs = tuple(outputs)
         self.inputs = tuple(inputs)
         self._inferred = coordinates is None
+        self._coupled = found.coupled
         if coordinates is None:
-            coordinates = found.coordinates
+            coordinates = (*found.coordinates, *found.coupled.couplings)
             own = {n for c in coordinates for n in (c.position, c.speed)}
             if ports is None and self._unscaled:
                 ports = {s.name: s.name for s in self._states if s.name not in own}
@@ -251,22 +254,41 @@ class Equations(Model):
             return Ready(self, tuple(records))
         out._resolved = True
         notes += [*self._converted, *sizes]
-        if self._inferred and self.coordinates:
-            listed = [
-                f"{c.name} ({f'speed {c.speed}' if c.position else 'no position'}, "
-                f"inertia {c.inertia or 'none'})"
-                for c in self.coordinates
-                if isinstance(c, Coordinate)
-            ]
-            between = (
-                "; what acts between two of them, such as the backlash of a gear, is tested where "
-                "coordinates= has a Coupling"
-            )
-            several = len(listed) > 1
-            notes.append(f"coordinates, from the rates: {', '.join(listed)}{between * several}")
+        notes += self._inferred * list(self._about_coordinates())
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
         return Ready(out, tuple(records), tuple(notes))
+
+    def _about_coordinates(self) -> Iterator[str]:
+        """Notes about the coordinates and couplings that were found in the rates."""
+        listed = [
+            f"{c.name} ({f'speed {c.speed}' if c.position else 'no position'}, "
+            f"inertia {c.inertia or 'none'})"
+            for c in self.coordinates
+            if isinstance(c, Coordinate)
+        ]
+        coupled = [
+            f"{c.name} (ratio {c.ratio:g}{f', sizes at {c.first.name}' * (abs(c.ratio) != 1.0)}"
+            f"{', assumed' * (c.name in self._coupled.assumed)}, "
+            f"inertias {c.first.inertia or 1} and {c.second.inertia}"
+            f"{' times as large' * (c.first.inertia is None)})"
+            for c in self.coordinates
+            if isinstance(c, Coupling)
+        ]
+        if listed:
+            yield f"coordinates, from the rates: {', '.join(listed)}"
+        if coupled:
+            yield f"couplings, from the rates: {', '.join(coupled)}"
+        if untold := self._coupled.untold:
+            yield (
+                f"the rates do not tell the ratio of the coupling {', '.join(untold)}: what acts "
+                "there is tested where coordinates= has a Coupling"
+            )
+        elif len(listed) > 1 and not coupled:
+            yield (
+                "no force couples the coordinates; what acts between two of them is tested where "
+                "coordinates= has a Coupling"
+            )
 
     def _check_rates(self, records: Sequence[Record]) -> None:
         """Refuse rates that are NaN where every record begins, with the tabulated parameters."""
@@ -313,23 +335,91 @@ class Equations(Model):
         )
         if self._inferred:
             out.coordinates = tuple(
-                replace(c, scale=self._push(c, records, paths)) if isinstance(c, Coordinate) else c
-                for c in self.coordinates
+                replace(c, scale=self._push(c, records, paths)) for c in self.coordinates
             )
         out._make_ports()
         return out
 
     def _push(
-        self, coordinate: Coordinate, records: Sequence[Record], paths: Sequence[Array]
+        self, place: Coordinate | Coupling, records: Sequence[Record], paths: Sequence[Array]
     ) -> float:
-        """Typical force on a coordinate: its inertia times its acceleration in the records."""
-        i = [s.name for s in self._states].index(coordinate.speed)
-        rate = max(
-            float(np.std(np.gradient(path[:, i], r.time)))
-            for r, path in zip(records, paths, strict=True)
-        )
-        inertia = {p.name: abs(p.value) for p in self.parameters}.get(str(coordinate.inertia), 1.0)
-        return inertia * rate if 0.0 < inertia * rate < np.inf else 1.0
+        """Typical force on a coordinate, its inertia times its acceleration, or in a coupling."""
+        names = [s.name for s in self._states]
+        inertia = {p.name: abs(p.value) for p in self.parameters}
+
+        def size(record: Record, path: Array) -> float:
+            if isinstance(place, Coupling):
+                x = Named(dict(zip(names, path.T, strict=True)))
+                return float(np.std(self.force_in(place, record, x)))
+            rate = np.gradient(path[:, names.index(place.speed)], record.time)
+            return inertia.get(str(place.inertia), 1.0) * float(np.std(rate))
+
+        force = max(size(*of) for of in zip(records, paths, strict=True))
+        return force if 0.0 < force < np.inf else 1.0
+
+    def force_in(self, coupling: Coupling, record: Record, x: Named) -> Array:
+        """Force that the tabulated model has in a coupling along a path, (n,).
+
+        It is what is missing in the acceleration of the first coordinate where the second one is
+        moved to it.
+        """
+        first, second = coupling.parts
+        (q, v), states = first.motion(x), dict(values_of(x))
+        states[second.speed] = v / coupling.ratio
+        if coupling.position:
+            states[coupling.position] = 0.0 * v
+        elif second.position:
+            states[second.position] = q / coupling.ratio
+        with np.errstate(all="ignore"):
+            given = self._given(record)
+            pushed = first.push(np.float64(1.0), record.time, x, *given)[first.speed]
+            there, moved = (
+                self._along(record, values)[first.speed] for values in (x, Named(states))
+            )
+            return np.asarray((there - moved) / pushed)
+
+    def is_parameter(self, effect: Effect, record: Record, x: Named) -> bool:
+        """Whether an effect acts along a path as a change of a parameter with a tolerance does.
+
+        The rates change in proportion: a linear spring beside one whose stiffness is a parameter.
+        """
+        if effect.rate is None or effect.hidden or effect.shapes != (None,):
+            return False
+        change = effect.rate(record.time, x, *self._given(record), 1.0, None)
+        own = np.stack([change.get(s.name, 0.0) + 0.0 * record.time for s in self._states])
+        if not own.any():
+            return False
+        for q in (q for q in self.parameters if q.sd > 0.0 and not q.name.startswith(BETWEEN)):
+            step = STEP * (abs(q.value) or q.size)
+            ends = [self._along(record, x, {q.name: q.value + s}) for s in (step, -step)]
+            slope = np.stack([ends[0][s.name] - ends[1][s.name] for s in self._states])
+            share = np.vdot(own, slope) / np.vdot(own, own)
+            if slope.any() and np.linalg.norm(slope - share * own) <= ERROR * np.linalg.norm(slope):
+                return True
+        return False
+
+    def _given(
+        self, record: Record, changed: Mapping[str, float] | None = None
+    ) -> tuple[Named, Named]:
+        """Inputs of a record, and tabulated parameters but for those that are changed."""
+        p = {q.name: q.value for q in self.parameters if not q.name.startswith(BETWEEN)}
+        return Named({n: record.inputs[n] for n in self.inputs}), Named(p | dict(changed or {}))
+
+    def _along(
+        self, record: Record, x: Named, changed: Mapping[str, float] | None = None
+    ) -> dict[str, Array]:
+        """Rates by state along a path: by arrays, or by numbers if they do not take arrays."""
+        u, p = self._given(record, changed)
+        try:
+            found = self._rates(record.time, x, u, p)
+        except Exception:
+            rows = []
+            for i, t in enumerate(record.time):
+                at, given = (Named({n: v[i] for n, v in values_of(of).items()}) for of in (x, u))
+                rows.append(self._rates(t, at, given, p))
+            found = np.array(rows).T
+        names = [s.name for s in self._states]
+        return {n: 0.0 * record.time + v for n, v in zip(names, found, strict=True)}
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has a ``rate``, or is a sensor or input effect."""
@@ -614,6 +704,7 @@ class Trial:
 
     inputs: tuple[str, ...] = ()
     coordinates: tuple[Coordinate, ...] = ()
+    coupled: Found = field(default_factory=Found)
 
 
 def trial(
@@ -642,20 +733,21 @@ def trial(
     if inputs is not None:
         u._values.update({n: draw() for n in inputs})
 
-    def called(values: Mapping[str, Array], place: int | slice) -> list[Array]:
-        u.place = place
-        named = (Named({n: v[place] for n, v in of.items()}) for of in (x, values))
-        with np.errstate(all="ignore"):
-            found = rates(np.zeros(POINTS)[place], next(named), u, next(named))
-        zeros = np.zeros(POINTS)[place]
-        return [zeros + np.asarray(v, dtype=np.float64) for v in found]
-
-    def at(values: Mapping[str, Array]) -> list[Array]:
+    def at(values: Values, x: Values = x) -> list[Array]:
         """Rates at all points: by arrays, or by numbers if they do not take arrays."""
+
+        def called(place: int | slice) -> list[Array]:
+            u.place = place
+            named = (Named({n: v[place] for n, v in of.items()}) for of in (x, values))
+            with np.errstate(all="ignore"):
+                found = rates(np.zeros(POINTS)[place], next(named), u, next(named))
+            zeros = np.zeros(POINTS)[place]
+            return [zeros + np.asarray(v, dtype=np.float64) for v in found]
+
         try:
-            return called(values, slice(None))
+            return called(slice(None))
         except Exception:
-            return list(np.array([called(values, k) for k in range(POINTS)]).T)
+            return list(np.array([called(k) for k in range(POINTS)]).T)
 
     heavy: dict[str, list[Array]] = {}
     try:
@@ -690,7 +782,17 @@ def trial(
         for i, v in enumerate(states)
         if v.name not in used and _travel_unit(v.unit)
     ]
-    return Trial(tuple(values_of(u)), tuple(found))
+    masses = {q.name: q.unit for q in parameters if _massive(q)}
+
+    def by_name(x: Values, p: Values) -> Values:
+        return dict(zip((s.name for s in states), at(p, x), strict=True))
+
+    try:
+        tabulated = Slopes(by_name, x, {q.name: np.full(POINTS, q.value) for q in parameters})
+        coupled = couplings_in(found, tabulated, Slopes(by_name, x, p), masses)
+    except Exception:  # as above
+        coupled = Found()
+    return Trial(tuple(values_of(u)), tuple(found), coupled)
 
 
 def _massive(parameter: Parameter) -> bool:
@@ -706,14 +808,12 @@ def _travel_unit(speed: str) -> str:
 def _coordinate(position: State | None, speed: State, inertias: Sequence[str]) -> Coordinate:
     """Coordinate of two states, or of a speed; with one inertia, forces on it are forces."""
     unit = position.unit if position else _travel_unit(speed.unit)
-    turns = same_unit(unit, "rad")
     inertia = inertias[0] if len(inertias) == 1 else None
-    force = ("N m" if turns else "N") if inertia else f"{unit}/s^2"
     return Coordinate(
         name=(position or speed).name,
         position=position.name if position else "",
         speed=speed.name,
         inertia=inertia,
-        unit=force,
+        unit=force_unit(unit, inertia),
         position_unit=unit,
     )

@@ -99,5 +99,5 @@ def for_coordinate(
         Typical duration of an event [s].
     """
     scales = Scales(force, travel, speed, time)
-    whole = all(part.position for part in c.parts)
+    whole = c.position or all(part.position for part in c.parts)
     return tuple(make(c, scales) for make in makers("FOR_COORDINATE" if whole else "FOR_SPEED"))

@@ -11,7 +11,8 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
-from unmodeled.fit.coordinates import Coordinate, Named
+from unmodeled.fit.coordinates import Coordinate, Coupling, Named
+from unmodeled.fit.equations import Equations
 from unmodeled.fit.model import Effect, Model, State, prior_jobs
 from unmodeled.library import (
     constant_rate,
@@ -92,7 +93,10 @@ def chosen_effects(
 def _note(kept: Sequence[Effect], out: Sequence[str], records: Sequence[Record]) -> str:
     """Note about the choice of effects; ``out``: those that are left out."""
     counted = Counter(e.component for e in kept)
-    listed = ", ".join(f"{count} of {part}" for part, count in counted.items())
+    listed = ", ".join(
+        f"{count} {'' if part.startswith('between ') else 'of '}{part}"
+        for part, count in counted.items()
+    )
     left = f"; left out: {', '.join(out)}" if out else ""
     names = ", ".join(dict.fromkeys(r.name for r in records))
     return (
@@ -157,7 +161,7 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
 
     used: set[str] = set()
     for c in model.coordinates:
-        used |= {n for part in c.parts for n in (part.position, part.speed)}
+        used |= {n for part in (c, *c.parts) for n in (part.position, part.speed)}
         position, speed = zip(*(c.motion(x) for x in named), strict=True)
         ways = [q - np.median(q) for q in position if q is not None]
         travel = _typical(np.concatenate(ways)) if ways else 1.0
@@ -165,14 +169,21 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             rate * _inertia(model, c.parts[0], r, x)
             for rate, (r, _), x in zip(rates(speed), paths, named, strict=True)
         ]
+        within = model if isinstance(model, Equations) and isinstance(c, Coupling) else None
+        if within is not None and isinstance(c, Coupling):
+            inside = [within.force_in(c, r, x) for (r, _), x in zip(paths, named, strict=True)]
+            forces = inside if np.any(np.concatenate(inside)) else forces
         pace, force = _typical(np.concatenate(speed)), _typical(np.concatenate(forces))
-        yield from for_coordinate(
+        for effect in for_coordinate(
             c,
             force=force,
             travel=travel,
             speed=pace,
             time=travel / pace,
-        )
+        ):
+            along = ((r, x) for (r, _), x in zip(paths, named, strict=True))
+            if within is None or not any(within.is_parameter(effect, *at) for at in along):
+                yield effect
         for name in model.inputs:
             unit = model.units.get(name) or next(
                 (r.input_units.get(name, "") for r, _ in paths), ""

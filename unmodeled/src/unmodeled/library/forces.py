@@ -246,7 +246,7 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
     """
     return Effect(
         name=f"dead zone {c.name}",
-        label="a dead zone",
+        label="backlash" if isinstance(c, Coupling) else "a dead zone",
         component=c.name,
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=0.3 * stiffness,

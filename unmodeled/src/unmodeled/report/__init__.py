@@ -354,8 +354,9 @@ def _place(result: Result, place: Place) -> str:
     what = "An unknown action" if place.port else "Unlisted changes from record to record"
     now, left = _left(result, place)
     like = [f"; it would resemble the {law} ({percent(v)} of it)" for law, v in place.resembles]
+    where = place.name if place.name.startswith("between ") else f"at {place.name}"
     return (
-        f"{what} at {place.name} would take what remains in the worst channel from {percent(now)} "
+        f"{what} {where} would take what remains in the worst channel from {percent(now)} "
         f"to {percent(left)}{''.join(like[:1])}."
     )
 

@@ -142,13 +142,21 @@ def _clause(c: Change) -> str:
     thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:
         what = c.title.removesuffix(c.component).strip().removesuffix(" of")
+        between = c.component.startswith("between ")  # two bodies
         if not what:  # a parameter of the user's function that is an effect
             return f"the effect {c.title} {has} a size of {size}"
         if c.shape_names and c.shape_names[0].startswith("half width ["):
             width = size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
+            if between:
+                return (
+                    f"there {be} {what} of \N{PLUS-MINUS SIGN}{width} {c.component}, where the "
+                    f"stiffness of {size} does not act"
+                )
             thing = c.component if len(c.component) == 1 else _with_article(c.component)
             zone = f"{thing} {has} {what} of \N{PLUS-MINUS SIGN}{width}"
             return f"{zone}, where the stiffness of {size} does not act"
+        if between:
+            return f"{what} of {size} {acts} {c.component}"
         if len(c.component) == 1:  # a letter may stand for anything
             return f"{what} of {size} {acts} on {c.component}"
         return f"{_with_article(c.component)} {has} {what} of {size}"
