@@ -1,13 +1,14 @@
 """Numeric constants of the diagnosis: lists them, and proves that the numerics decide nothing.
 
     python tools/constants.py                    # kind, place, name and value of each
-    python tools/constants.py --prove [NAME...]  # diagnoses with half and with double of each
-    python tools/constants.py --prove --cases 1,4,7   # imperfect machines of the yardstick, too
+    python tools/constants.py --prove [NAME...]  # tests with half and with double of each
 
 A constant is a name in capitals of a module that gets a number. A *numeric* makes the work precise
-or fast: with half and with double of it, each diagnosis of a small set has the same verdict, names,
-classes and supported causes. A *decision* is a number that somebody could choose otherwise. A
-*definition* is no choice: a table of a method or of units, the version of a format.
+or fast: with half and with double of it, each diagnosis of the tests that call a function which
+reads it has the same verdict, names, classes and supported causes. The fastest tests are run, up to
+a limit of time; NUMBERS: verdicts are the same, but a test of other numbers fails. A *decision* is
+a number that somebody could choose otherwise. A *definition* is no choice: a table of a method or
+of units, the version of a format.
 """
 
 from __future__ import annotations
@@ -15,21 +16,26 @@ from __future__ import annotations
 import argparse
 import ast
 import importlib
-import importlib.util
 import json
 import os
 import re
+import resource
 import sys
-from collections import Counter
-from collections.abc import Iterator
+import time
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import Any
+
+import pytest
+from mutate import TESTS, functions_with, name_of, tests_of_functions
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "unmodeled" / "src"
 PLACES = ("search", "fit", "experiment", "library", "diagnosis.py")
+#: Limit of the time of the tests with one constant [s].
+LONGEST = 120
 #: Constants of each file that are no numerics.
 DEFINITIONS = {
     "search/compare.py": "_FACTORS _CLOCKS",
@@ -41,16 +47,16 @@ DEFINITIONS = {
     "fit/runs.py": "FORM",
     "fit/tape.py": "FUNCTIONS ARGUMENTS _COMPOSED _ARRAY_FUNCTIONS",
     "experiment/information.py": "NAMED",
-    "library/balance.py": "MEMORY",
+    "library/balance.py": "DEFLECTIONS MEMORY",
     "library/bouc_wen.py": "AWAY FOR_COORDINATE",
     "library/forces.py": "FOR_SPEED FOR_COORDINATE",
 }
 DECISIONS = {
-    "search/changes.py": "ODDS ALIKE",
+    "search/changes.py": "ALIKE",
     "search/compare.py": "LONGEST_DELAY UNKNOWN_START CORRELATED CERTAIN NEAR_FACTOR TAKES_AWAY "
-    "LEAVES LEAVES_CERTAIN LEAST_VARIANCE DELAY_SPREAD ANY_SIZE",
+    "LEAVES LEAVES_CERTAIN DELAY_SPREAD ANY_SIZE",
     "search/evidence.py": "DEGREES CHANCE",
-    "search/linear.py": "NARROW WIDE",
+    "search/linear.py": "NARROW",
     "search/locate.py": "ALIKE",
     "search/problem.py": "RELEASED STRICT TRUSTED",
     "search/records.py": "WRONG_STATEMENT OFFSET SHARE JUMP SATURATED PLATEAU FAR CERTAINLY_FAR "
@@ -58,15 +64,14 @@ DECISIONS = {
     "search/result.py": "TOLERANCE",
     "search/score.py": "ALIKE",
     "search/search.py": "WORTH",
-    "search/verdict.py": "CLASS SAME GOOD_ENOUGH WORTH_A_MEMBER EQUAL POSSIBLE",
+    "search/verdict.py": "UNLIKELY CLASS SAME GOOD_ENOUGH WORTH_A_MEMBER EQUAL",
     "fit/equations.py": "NOISY",
-    "fit/fmi.py": "LARGEST",
     "fit/mjcf.py": "STEP_ERROR OF_SPREAD",
     "fit/mjcf_changes.py": "ARMATURE CONTACT",
-    "fit/mjcf_parts.py": "LARGEST NUMBERS COPIES FILES",
+    "fit/mjcf_parts.py": "NUMBERS COPIES",
     "fit/noise.py": "AGREES",
     "experiment/information.py": "MAGNITUDES RESERVE",
-    "experiment/planning.py": "TESTS LEAST_SHOWN SHARE_OF_SPREAD SHARE_OF_TOLERANCE",
+    "experiment/planning.py": "LEAST_SHOWN SHARE_OF_SPREAD SHARE_OF_TOLERANCE",
     "library/defaults.py": "TYPICAL FLOW",
     "library/forces.py": "CLEARANCE_SHARPNESS",
 }
@@ -129,88 +134,79 @@ def sources() -> Iterator[Path]:
         yield from [path] if path.is_file() else sorted(path.rglob("*.py"))
 
 
-def _module(path: Path) -> Any:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
-    return module
+def readers(constant: Constant) -> set[str]:
+    """Functions that read a constant, as :mod:`mutate` names them."""
+    home = constant.file.removesuffix(".py").replace("/", ".")
+    files = {constant.file: (PACKAGE / constant.file).read_text("utf-8")}
+    for path in (PACKAGE / "unmodeled").rglob("*.py"):
+        text = path.read_text("utf-8")
+        if constant.name in text and constant.name in _imported(text, home):
+            files[path.relative_to(PACKAGE).as_posix()] = text
+    return functions_with({constant.name}, files)
 
 
-def diagnoses(cases: str, folder: Path) -> dict[str, str]:
-    """Verdict, names, classes and supported causes of each diagnosis of the set."""
-    from unmodeled import Effect, LinearModel, Parameter, diagnose
-
-    tests = ROOT / "unmodeled" / "tests" / "diagnosis"
-    own, made = _module(tests / "models.py"), _module(tests / "conftest.py")
-    spring = LinearModel(
-        name="spring", output="force", columns={"k": lambda r: r.inputs["x"]},
-        parameters=[Parameter(name="k", value=95.0, sd=10.0, unit="N/m")],
-    )  # fmt: skip
-
-    def law(name: str, power: int, scale: float) -> Effect:
-        return Effect(name=name, component="spring", unit=f"N/m^{power}", scale=scale,
-                      regressor=lambda r, _: r.inputs["x"] ** power)  # fmt: skip
-
-    laws = [law("even", 2, 100.0), law("hardening", 3, 1000.0), law("preload", 0, 1.0)]
-
-    def pulled(**what: float) -> list[Any]:
-        roles = ("fit", "fit", "held_out")
-        return [
-            made.spring_record(f"{k}", k, role=r, **what)
-            for k, r in zip((2, 3, 5), roles, strict=True)
-        ]
-
-    every: dict[str, tuple[Any, Any, Any]] = {
-        "spring, nothing": (spring, laws, pulled()),
-        "spring, hardening": (spring, laws, pulled(hardening=2000.0)),
-        "spring, two": (spring, laws, pulled(hardening=2000.0, preload=1.0)),
-        "spring, weak": (spring, laws, pulled(preload=0.02)),
-        "spring, foreign": (spring, laws, pulled(foreign=1.0)),
-        "spring, foreign and hardening": (spring, laws, pulled(foreign=0.3, hardening=2000.0)),
-        "oscillator, nothing": (own.NOMINAL, own.EFFECTS, own.records(1)),
-        "oscillator, both": (own.NOMINAL, own.EFFECTS, own.records(3, dry=0.05, cubic=2e4)),
+def _imported(text: str, home: str) -> set[str]:
+    """Names that a module imports from another one."""
+    return {
+        alias.name
+        for n in ast.walk(ast.parse(text))
+        if isinstance(n, ast.ImportFrom) and n.module == home
+        for alias in n.names
     }
-    if cases:
-        sys.path.insert(0, str(ROOT / "bench"))
-        from blind.marks import case_numbers
-        from blind.yardstick_sets import SETS
-
-        machines = SETS["imperfect"]
-        for k in case_numbers(cases, machines.count):
-            task = machines.task(k, folder)
-            every[f"imperfect {k}"] = task.model, task.effects, task.records
-    out = {}
-    for name, (model, effects, records) in every.items():
-        try:
-            found = diagnose(model, effects, records)
-        except Exception as error:
-            out[name] = f"{type(error).__name__}: {error}"
-            continue
-        told = [n.cause for n in found.named]
-        told += sorted(" | ".join(sorted(n.cause for n in g)) for g in found.classes)
-        supported = ", ".join(sorted(n.cause for n in found.supported))
-        out[name] = f"{found.verdict.name} {', '.join(sorted(told))} ({supported})"
-    return out
 
 
-def answers(constant: Constant | None, factor: float, cases: str, folder: Path) -> dict[str, str]:
-    """The diagnoses with a multiple of a constant, in a process of its own."""
+class Answers:
+    """A plugin of pytest: the outcome of each test, and the answers of its diagnoses."""
+
+    def __init__(self) -> None:
+        self.now = ""
+        self.told: dict[str, list[str]] = defaultdict(list)
+        self.failed: list[str] = []
+
+    def keep(self, result: Any) -> Any:
+        """Verdict, names, classes and supported causes of a diagnosis."""
+        names = sorted(n.cause for n in result.named)
+        names += sorted(" | ".join(sorted(n.cause for n in g)) for g in result.classes)
+        supported = ", ".join(sorted(n.cause for n in result.supported))
+        self.told[self.now].append(f"{result.verdict.name} {', '.join(names)} ({supported})")
+        return result
+
+    @pytest.hookimpl
+    def pytest_runtest_setup(self, item: pytest.Item) -> None:
+        """A test begins; what a fixture diagnoses belongs to the first test that needs it."""
+        self.now = name_of(item)
+
+    @pytest.hookimpl
+    def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
+        """A test ends."""
+        if report.failed:
+            self.failed.append(self.now)
+
+
+def answers(constant: Constant | None, factor: float, tests: Sequence[str]) -> dict[str, Any]:
+    """Tests with a multiple of a constant, in a process of its own: answers and failures."""
     read, write = os.pipe()
     if child := os.fork():
         os.close(write)
         with os.fdopen(read) as pipe:
             text = pipe.read()
         os.waitpid(child, 0)
-        return dict(json.loads(text or '{"": "the process ended"}'))
+        return dict(json.loads(text or '{"told": {}, "failed": ["the process ended"]}'))
     try:
+        import unmodeled.diagnosis as diagnosis
+
+        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 2))
         if constant is not None:
             scale(constant, factor)
-        found = diagnoses(cases, folder)
+        found, judge = Answers(), diagnosis.judge
+        diagnosis.judge = lambda *a, **k: found.keep(judge(*a, **k))
+        os.chdir(ROOT)
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):
+            os.dup2(nothing, stream)
+        pytest.main(["-q", "-p", "no:cacheprovider", *tests], plugins=[found])
         with os.fdopen(write, "w") as pipe:
-            json.dump(found, pipe)
+            json.dump({"told": found.told, "failed": found.failed}, pipe)
     finally:
         os._exit(0)
 
@@ -226,45 +222,62 @@ def scale(constant: Constant, factor: float) -> None:
 
     new = times(getattr(importlib.import_module(home), constant.name))
     for name, module in [*sys.modules.items()]:
+        file = getattr(module, "__file__", None) or ""
         if name == home or (
-            name.startswith("unmodeled.") and constant.name in _imported(module, home)
+            name.startswith("unmodeled.")
+            and constant.name in _imported(Path(file).read_text("utf-8"), home)
         ):
             setattr(module, constant.name, new)
 
 
-@cache
-def _imported(module: Any, home: str) -> set[str]:
-    """Names that a module imports from another one."""
-    if not getattr(module, "__file__", ""):
-        return set()
-    tree = ast.parse(Path(module.__file__).read_text(encoding="utf-8"))
-    return {
-        alias.name
-        for n in ast.walk(tree)
-        if isinstance(n, ast.ImportFrom) and n.module == home
-        for alias in n.names
-    }
+def prove(found: list[Constant], seconds: float) -> int:
+    """Run tests with half and double of each constant; the number of those that are not proven."""
+    time.monotonic = time.process_time  # limits of time on a busy machine
+    import unmodeled.diagnosis  # noqa: F401  # before the processes are forked
 
-
-def prove(found: list[Constant], cases: str, folder: Path) -> int:
-    """Diagnose with half and double of each constant; the number of those that decide."""
-    import unmodeled  # noqa: F401  # before the processes are forked
-
-    deciding, base = 0, answers(None, 1.0, cases, folder)
-    for name, said in base.items():
-        print(f"{name}: {said}", flush=True)
+    by_function, spent = tests_of_functions(TESTS)
+    chosen: dict[Constant, list[str]] = {}
     for c in found:
-        changed = [
-            f"\n    times {factor:g}: {k}: {now.get(k, now.get(''))}"
-            for factor in (0.5, 2.0)
-            for now in [answers(c, factor, cases, folder)]
-            for k in base
-            if now.get(k) != base[k]
-        ]
-        deciding += bool(changed)
-        mark = "DECIDES" if changed else "same   "
-        print(f"{mark} {c.kind} {c.file}: {c.name}{''.join(changed)}", flush=True)
-    return deciding
+        names = {t for f in readers(c) for t in by_function.get(f, ())}
+        chosen[c], total = [], 0.0
+        for test in sorted(names, key=lambda t: (spent[t], t)):
+            total += spent[test]
+            if total > seconds:
+                break
+            chosen[c].append(test)
+    every = sorted({t for tests in chosen.values() for t in tests})
+    base = answers(None, 1.0, every)
+    count = sum(map(len, base["told"].values()))
+    print(f"{len(every)} tests with {count} diagnoses; failing: {base['failed']}", flush=True)
+    not_proven = 0
+    for c, tests in chosen.items():
+        changed = [line for factor in (0.5, 2.0) for line in differences(c, factor, tests, base)]
+        decides = any("->" in line for line in changed)
+        mark = "DECIDES" if decides else "NUMBERS" if changed else "same   " if tests else "UNREAD "
+        number = sum(len(base["told"].get(t, ())) for t in tests)
+        print(f"{mark} {c.file}: {c.name}: {number} diagnoses, {len(tests)} tests", flush=True)
+        print("".join(f"    {line}\n" for line in changed), end="", flush=True)
+        not_proven += decides or not tests
+    return not_proven
+
+
+def differences(c: Constant, factor: float, tests: Sequence[str], base: Any) -> Iterator[str]:
+    """Answers that are others with a multiple of a constant, and tests that fail."""
+    if not tests:
+        return
+    now = answers(c, factor, tests)
+    if any(now["told"].get(t) != base["told"].get(t) for t in tests):
+        # What several tests use, the first one of the chosen computes.
+        base = answers(None, 1.0, tests)
+    for t in tests:
+        before, after = (x["told"].get(t, []) for x in (base, now))
+        failed = t in now["failed"] and t not in base["failed"]
+        pairs = zip(before, after, strict=False) if failed else [(before, after)]
+        yield from (f"times {factor:g}: {t}: {a} -> {b}" for a, b in pairs if a != b)
+        if failed:
+            yield f"times {factor:g}: {t} fails"
+    if now["failed"] and not {*now["failed"]} <= {*tests}:
+        yield f"times {factor:g}: {now['failed']}"
 
 
 def main() -> int:
@@ -275,8 +288,7 @@ def main() -> int:
     parser.add_argument("names", nargs="*", help="FILE:NAME or NAME; default: all numerics")
     parser.add_argument("--prove", action="store_true")
     parser.add_argument("--places", nargs="+", help="parts of paths, such as search/")
-    parser.add_argument("--cases", default="", help="imperfect machines, such as 1,4,7")
-    parser.add_argument("--cache", type=Path, default=ROOT / "out" / "yardstick")
+    parser.add_argument("--seconds", type=float, default=10.0, help="time of tests of a constant")
     given = parser.parse_args()
     found = [
         c
@@ -288,7 +300,7 @@ def main() -> int:
         found = [c for c in found if {c.name, f"{c.file}:{c.name}"} & {*given.names}]
     if given.prove:
         some = [c for c in found if given.names or c.kind == "numeric"]
-        return int(prove(some, given.cases, given.cache) > 0)
+        return int(prove(some, given.seconds) > 0)
     for c in found:
         print(f"{c.kind:10s} {c.file}: {c.name} = {ast.unparse(c.node)[:60]}")
     counts = Counter(c.kind for c in found)

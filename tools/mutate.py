@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import ast
 import json
+import math
 import os
 import random
 import resource
@@ -33,6 +34,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "unmodeled" / "src"
 SOURCES = ("unmodeled/src/unmodeled/search", "unmodeled/src/unmodeled/report")
+TESTS = ("unmodeled/tests",)
 KNOWN = ROOT / "out" / "tests_of_functions.json"
 #: Comparisons and what they become.
 OTHER: dict[type[ast.cmpop], type[ast.cmpop]] = {
@@ -131,7 +133,7 @@ def functions_with(names: set[str], files: dict[str, str]) -> set[str]:
 # ---------------------------------------------------------------- tests
 
 
-def _name(item: pytest.Item) -> str:
+def name_of(item: pytest.Item) -> str:
     """Name of a test with its path from the top of the repository."""
     return f"{item.path.relative_to(ROOT)}::{item.nodeid.split('::', 1)[1]}"
 
@@ -160,7 +162,7 @@ class Calls:
             return (yield)
         finally:
             sys.settrace(None)
-            self.shared[_name(item).split("::")[0]] |= self._names()
+            self.shared[name_of(item).split("::")[0]] |= self._names()
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_call(self, item: pytest.Item) -> Iterator[None]:
@@ -172,10 +174,12 @@ class Calls:
         finally:
             sys.settrace(None)
         spent = time.process_time() - began  # a test that fails without a mutant is left out
-        self.tests[_name(item)] = {"seconds": round(spent, 3), "calls": sorted(self._names())}
+        self.tests[name_of(item)] = {"seconds": round(spent, 3), "calls": sorted(self._names())}
 
 
-def tests_of_functions(folders: Sequence[str]) -> tuple[dict[str, list[str]], dict[str, float]]:
+def tests_of_functions(
+    folders: Sequence[str],
+) -> tuple[dict[str, list[str]], dict[str, float]]:
     """Tests by the function that they call, and the time of each [s]."""
     if not KNOWN.exists():
         print("measuring which test calls which function", flush=True)
@@ -183,6 +187,9 @@ def tests_of_functions(folders: Sequence[str]) -> tuple[dict[str, list[str]], di
             os.waitpid(child, 0)
         else:
             try:
+                from unmodeled.fit import simulator
+
+                simulator.WORTH_A_PROCESS = math.inf  # traced runs are slow; no process for them
                 calls = Calls()
                 os.chdir(ROOT)
                 pytest.main(["-q", "-p", "no:cacheprovider", *folders], plugins=[calls])
@@ -232,7 +239,7 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
     parser.add_argument("sources", nargs="*", default=SOURCES)
-    parser.add_argument("--tests", nargs="+", default=["unmodeled/tests/diagnosis"])
+    parser.add_argument("--tests", nargs="+", default=TESTS)
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--seconds", type=float, default=20.0, help="time of the tests of a mutant")

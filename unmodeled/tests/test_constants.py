@@ -5,11 +5,12 @@ import importlib.util
 import sys
 
 #: Number of numerics and decisions; a new one needs a reason, an old one goes.
-MOST = 148
+MOST = 129
 
 
 def test_constants_do_not_grow_and_each_has_a_kind(root, monkeypatch):
     spec = importlib.util.spec_from_file_location("constants", root / "tools" / "constants.py")
+    monkeypatch.syspath_prepend(root / "tools")  # for mutate
     tool = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "constants", tool)
     spec.loader.exec_module(tool)

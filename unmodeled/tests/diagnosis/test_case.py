@@ -251,3 +251,14 @@ def test_the_unit_of_a_user_is_stored():
     """A screw has turns beside its length."""
     screw = Parameter(name="screw", value=0.0, sd=1e-4, user_unit=UserUnit("turn", 1430.0))
     assert as_made(as_stored(screw)) == screw
+
+
+def test_what_is_stored_comes_back_and_a_function_is_refused():
+    given = {"a": True, "b": None, "c": 3, "d": 0.1, "e": "text", "f": ((1.0, -np.inf), 2)}
+    stored = json.loads(json.dumps(as_stored(given)))
+    made = as_made(stored)
+    assert made == given
+    assert [type(v) for v in made.values()] == [type(v) for v in given.values()]
+    assert np.isnan(as_made(as_stored(np.nan)))
+    with pytest.raises(TypeError, match="function cannot be stored"):
+        as_stored(run)

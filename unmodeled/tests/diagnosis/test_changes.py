@@ -22,7 +22,7 @@ def test_the_fewest_unknowns_are_those_that_changed(changed):
     columns = np.random.default_rng(1).normal(size=(60, 10))
     columns += 3.0 * columns[:, :1]  # all of them act alike: the fit spreads a change over them
     truth = np.array([changed.get(k, 0.0) for k in range(10)])
-    found = smallest(*posterior(columns, truth), range(10))
+    found = smallest(*posterior(columns, truth), range(10), 0.9)
     assert {group[0] for group in found} == set(changed)
     assert all(len(group) == 1 for group in found)
 
@@ -30,21 +30,21 @@ def test_the_fewest_unknowns_are_those_that_changed(changed):
 def test_parallel_unknowns_are_equivalents():
     columns = np.random.default_rng(1).normal(size=(60, 6))
     columns[:, 5] = columns[:, 2]
-    (group,) = smallest(*posterior(columns, np.eye(6)[2]), range(6))
+    (group,) = smallest(*posterior(columns, np.eye(6)[2]), range(6), 0.9)
     assert sorted(group) == [2, 5]
 
 
 def test_all_unknowns_may_have_changed():
     columns = np.random.default_rng(1).normal(size=(60, 2))
-    found = smallest(*posterior(columns, np.array([1.0, -2.0])), range(2))
+    found = smallest(*posterior(columns, np.array([1.0, -2.0])), range(2), 0.9)
     assert sorted(found) == [[0], [1]]
-    (only,) = smallest(*posterior(columns[:, :1], np.array([1.0])), range(1))
+    (only,) = smallest(*posterior(columns[:, :1], np.array([1.0])), range(1), 0.9)
     assert only == [0]
 
 
 def test_an_unknown_that_must_stay_is_no_answer():
     columns = np.random.default_rng(1).normal(size=(60, 6))
-    assert smallest(*posterior(columns, 2.0 * np.eye(6)[2]), [0, 1, 3, 4, 5]) == []
+    assert smallest(*posterior(columns, 2.0 * np.eye(6)[2]), [0, 1, 3, 4, 5], 0.9) == []
 
 
 def machine(twice=False, **truth):

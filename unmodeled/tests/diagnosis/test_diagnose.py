@@ -389,3 +389,13 @@ def test_each_reason_is_reached_by_a_diagnosis(spring, causes, reason):
     if reason is Reason.NOT_NEEDED:
         assert result.not_needed == ("hardening",)
         assert Reason.DIFFERS_BETWEEN_RECORDS not in result.reasons
+
+
+def test_a_prediction_that_is_not_better_is_told_even_if_chance_may_do_it(
+    spring, causes, monkeypatch
+):
+    monkeypatch.setattr("unmodeled.search.verdict.compare", lambda *_: (0.1, -0.1, 0.3))
+    result = diagnose(spring, causes, _records(HARD, HARD, HARD))
+    assert [n.cause for n in result.named] == ["hardening"]
+    assert Reason.NO_HELD_OUT_GAIN in result.reasons
+    assert result.held_out_gain == pytest.approx(np.exp([0.1, -0.1, 0.3]))

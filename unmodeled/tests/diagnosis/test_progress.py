@@ -8,7 +8,7 @@ import pytest
 
 from unmodeled import Progress, diagnose
 from unmodeled.cli.screen import ProgressLine
-from unmodeled.search.progress import Limit, Meter, Stop
+from unmodeled.search.progress import ENDS, Limit, Meter, Stop
 
 from .conftest import spring_record
 
@@ -61,6 +61,15 @@ def test_share_never_decreases_and_ends_at_one():
     assert shares == sorted(shares)
     assert seen[-1] == Progress("done", 1.0, 0.0, seen[-1].elapsed)
     assert math.isnan(seen[0].left)  # nothing is known yet
+
+
+def test_each_stage_ends_at_its_share_however_long_it_takes():
+    run = Run(1e9)
+    for name in ("prepare", "fit", "search", "exchange", "held_out", "judge", "locate"):
+        run.stage(name, 1.0, *[100.0] * 50)
+        run.meter.step()
+        assert run.seen[-1].share <= ENDS[name] <= 1.0
+    assert run.seen[-1].share == pytest.approx(1.0, abs=0.01)
 
 
 def test_the_fits_are_expected_to_end_at_their_limit():

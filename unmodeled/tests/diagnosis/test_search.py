@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from unmodeled import Effect
-from unmodeled.search.evidence import best_of
+from unmodeled.search.evidence import best_of, log_odds
+from unmodeled.search.fit import Start, empty_point, fit_sets
 from unmodeled.search.options import Options
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.search import search
 
+from . import models
 from .conftest import spring_record
 
 LAWS = {"sides": lambda x: np.tanh(60.0 * x), "wave": lambda x: 0.15 * np.cos(70.0 * x)}
@@ -40,3 +42,14 @@ def test_a_law_that_nearly_is_the_sum_of_two_is_no_answer(spring):
     found = search(problem, Options(max_effects=2))
     best = best_of(problem, list(found.sets.values()))
     assert {problem.causes[i].name for i in best.causes} == {*LAWS}
+
+
+def test_a_fit_goes_on_where_the_noise_changes_little_unless_it_is_rough():
+    """Dry friction that the model lacks."""
+    records = [models.record(n, a, k, samples=300, dry=0.2) for k, (n, a) in
+               enumerate((("soft", 0.5), ("hard", 1.0)), 3)]  # fmt: skip
+    problem = prepare(ready_records(models.NOMINAL, records), (), (), Options())
+    start = Start((), (empty_point(problem, (), problem.fit),))
+    (whole,), (rough,) = fit_sets(problem, [start]), fit_sets(problem, [start], rough=True)
+    assert log_odds(problem, whole, rough) > 1.0
+    assert np.abs(np.log(whole.noise / rough.noise)).max() < 0.2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from types import SimpleNamespace as Given
 
 import numpy as np
@@ -210,3 +211,20 @@ def test_only_effects_of_a_part_act_inside_the_model():
     found = [verdict._inside(problem, c)
              for c in (inside, driven, sensor, Cause("k", "part", parameter=0))]  # fmt: skip
     assert found == [True, False, False, False]
+
+
+def test_what_would_be_told_with_another_trust_in_the_model_is_a_note(monkeypatch):
+    @dataclass
+    class Trusted:
+        causes: tuple
+        discrepancy_samples: float = 20.0
+
+    problem = Trusted(tuple(Given(name=n) for n in "abc"))
+    told = {10.0: ([], []), 20.0: ([0], []), 40.0: ([0], [[1, 2]])}
+    monkeypatch.setattr(verdict, "rank", lambda p, _: (p.discrepancy_samples, None))
+    monkeypatch.setattr(verdict, "_told", lambda count, *_: told[count])
+    less, more = verdict._by_trust(problem, [], Given(credibility=0.9))
+    assert "as 10 samples instead of 20, nothing would be told" in less
+    assert "as 40 samples instead of 20, a and one of b, c would be told" in more
+    told[40.0] = [0], []
+    assert len(verdict._by_trust(problem, [], Given(credibility=0.9))) == 1

@@ -371,7 +371,7 @@ def test_the_noise_of_a_function_is_told_where_it_matters():
 
     constant = replace(record(), outputs={n: np.ones(TIME.size) for n in "yz"}, sensors={})
     ready = model(steady, outputs={"y": "m", "z": "m"}).ready([constant])
-    assert "numerical noise is 1e-15 of" in ready.notes[0]
+    assert "numerical noise is 2e-16 of" in ready.notes[0]
 
     def rounded(time, inputs, parameters):
         return {"y": np.round(decay(time, inputs, parameters)["y"], 4)}

@@ -23,8 +23,6 @@ from unmodeled.fit.model import Effect, Model
 from unmodeled.search.records import ready_records
 from unmodeled.search.result import plain
 
-#: Largest number of helpful tests.
-TESTS = 8
 #: Smallest decrease of the probability of confusion, and smallest gain by a test, that are shown.
 LEAST_SHOWN = 0.02
 #: Accuracy of the test of a parameter: share of the uncertainty that the plan leaves, but at least
@@ -297,4 +295,4 @@ def _tests(knowledge: Knowledge, groups: Sequence[Sequence[str]]) -> tuple[Singl
         for name, sd, unit in dict.fromkeys(wanted)
     ]
     useful = [t for t in tests if t.after - knowledge.value > LEAST_SHOWN]
-    return tuple(sorted(useful, key=lambda t: -t.after)[:TESTS])
+    return tuple(sorted(useful, key=lambda t: -t.after))

@@ -18,8 +18,8 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
-from unmodeled.errors import InvalidParameter, near_names
-from unmodeled.files import LARGEST_JSON, NPZ_FAULTS, open_input
+from unmodeled.errors import InvalidParameter, message, near_names
+from unmodeled.files import LARGEST_FILE, LARGEST_JSON, NPZ_FAULTS, open_input
 from unmodeled.fit.model import Origin
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
@@ -28,8 +28,6 @@ from unmodeled.units import spelled_unit
 #: Relative tolerance of model exchange: derivatives are differences of runs, and the integrator
 #: starts anew at each sample with inputs (errors of 1e-5 at 200 samples).
 RTOL = 1e-8
-#: Largest size of an FMU, packed and unpacked [bytes].
-LARGEST = 2_000_000_000
 #: Held by the only thread that unpacks an FMU, or runs one that is instantiated once in a process.
 _ALONE = threading.Lock()
 
@@ -295,8 +293,8 @@ def _limits(variables: Mapping[str, Any], names: Sequence[str]) -> dict[str, tup
     }
 
 
-#: Types of FMI 2 and 3 of real numbers; largest number of parameters that a note lists.
-FLOATS, MOST_LISTED = ("Real", "Float64"), 20
+#: Types of FMI 2 and 3 of real numbers.
+FLOATS = ("Real", "Float64")
 
 
 def _notices(
@@ -317,12 +315,12 @@ def _notices(
         notices.append(f"its inputs {', '.join(left)} keep their start values")
     names = [n for n, v in variables.items() if v.causality == "parameter" and v.type in FLOATS]
     if names and not listed:
-        more = f" and {len(names) - MOST_LISTED} more" if len(names) > MOST_LISTED else ""
-        notices.append(
-            f"none of its parameters {', '.join(names[:MOST_LISTED])}{more} is fitted: --parameter "
-            "NAME=±SD states one that is uncertain, --unknown NAME=UNIT one that is a possible "
-            "cause, such as a friction that is zero in the FMU"
+        text = (
+            f"none of its parameters {', '.join(names)} is fitted: --parameter NAME=±SD states one "
+            "that is uncertain, --unknown NAME=UNIT one that is a possible cause, such as a "
+            "friction that is zero in the FMU"
         )
+        notices.append(message(text))
     return tuple(notices)
 
 
@@ -341,7 +339,7 @@ def _unpacked(path: Path) -> str:
 
 def _check_size(path: Path) -> None:
     """Raise an error if a file is no archive, or one whose content is too large to be unpacked."""
-    with open_input(path, most=LARGEST, error=InvalidParameter) as file:
+    with open_input(path, most=LARGEST_FILE, error=InvalidParameter) as file:
         try:
             with zipfile.ZipFile(file) as archive:
                 sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
@@ -349,7 +347,7 @@ def _check_size(path: Path) -> None:
             raise InvalidParameter(f"{path}: cannot be read as an FMU: {error}") from None
     text = "modelDescription.xml"
     for what, size, most in (
-        ("unpacked it", sum(sizes.values()), LARGEST),
+        ("unpacked it", sum(sizes.values()), LARGEST_FILE),
         (f"its {text}", sizes.get(text, 0), LARGEST_JSON),
     ):
         if size > most:

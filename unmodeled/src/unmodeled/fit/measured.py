@@ -27,9 +27,6 @@ from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.fit.inclusion import including
 from unmodeled.fit.model import Effect, Model
 
-#: Number of known names in a message.
-MOST_NAMES = 20
-
 
 @checked
 @dataclass(frozen=True, kw_only=True)
@@ -102,7 +99,7 @@ def no_test_of(name: str, model: Model, effects: Sequence[Effect] = ()) -> str:
     if name not in known:
         kind = "parameter or tested effect" if known else "parameter"
         names = [*dict.fromkeys((*parameters, *known))]
-        hint = near_names(name, names) or f"; there are {', '.join(names[:MOST_NAMES])}"
+        hint = near_names(name, names) or f"; there are {', '.join(names)}"
         return f"no {kind} of {model.name}{hint}"
     effect = known[name]
     if effect.observe is not None or effect.excite is not None:

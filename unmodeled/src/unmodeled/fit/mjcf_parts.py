@@ -13,11 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from unmodeled.errors import InvalidParameter
-from unmodeled.files import LARGEST_JSON, open_input, read_input
+from unmodeled.files import LARGEST_FILE, LARGEST_JSON, open_input, read_input
 
-#: Largest size of all files of a model [bytes]; largest number of numbers in a height field or
-#: texture, of copies of a part, and of files.
-LARGEST, NUMBERS, COPIES, FILES = 2_000_000_000, 100_000_000, 20_000, 10_000
+#: Largest number of numbers in a height field or texture; of copies of a part, and of files.
+NUMBERS, COPIES = 100_000_000, 20_000
 #: Elements whose sizes are numbers that MuJoCo allocates -> the attributes, and the limit.
 SIZES = {
     "hfield": (("nrow", "ncol"), NUMBERS),
@@ -38,9 +37,9 @@ def outside_parts(path: Path) -> tuple[Path, ...]:
     """
     found: dict[Path, int] = {}
     _read(path, path.parent, found, 1)
-    if sum(found.values()) > LARGEST:
+    if sum(found.values()) > LARGEST_FILE:
         raise InvalidParameter(
-            f"{path}: its files have {sum(found.values())} bytes; the limit is {LARGEST} bytes"
+            f"{path}: its files have {sum(found.values())} bytes; the limit is {LARGEST_FILE} bytes"
         )
     home = path.parent.resolve()
     return tuple(p for p in found if home not in p.resolve().parents)
@@ -64,12 +63,12 @@ def _read(path: Path, home: Path, found: dict[Path, int], copies: int) -> None:
         part = next((p for p in places if _there(p)), None)
         if part is None or part in found:
             continue
-        if len(found) == FILES:
-            raise InvalidParameter(f"{path}: names more than {FILES} files")
+        if len(found) == COPIES:
+            raise InvalidParameter(f"{path}: names more than {COPIES} files")
         if tag in ("include", "model") or part.suffix.lower() in (".xml", ".mjcf", ".urdf"):
             _read(part, home, found, copies)
             continue
-        with open_input(part, most=LARGEST, error=InvalidParameter) as file:
+        with open_input(part, most=LARGEST_FILE, error=InvalidParameter) as file:
             found[part] = os.fstat(file.fileno()).st_size
             head = file.read(24)
         if head[1:4] == b"PNG":

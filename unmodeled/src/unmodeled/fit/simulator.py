@@ -490,7 +490,7 @@ class Simulator(Model):
 
 
 #: Smallest noise relative to the spread of the outputs: rounding.
-ROUNDING = 1e-15
+ROUNDING = float(np.finfo(float).eps)
 #: Permitted relative error of a derivative by forward differences.
 GOOD = 0.02
 #: Smallest and largest step relative to the scale of the parameter.

@@ -81,8 +81,8 @@ _PAIRS = ("add", "subtract", "multiply", "divide", "minimum", "maximum", "power"
 #: Numbers of arguments by code.
 ARGUMENTS = tuple(3 if n == "where" else 2 if n in _PAIRS else 1 for n in NAMES)
 _CODE = {name: k for k, name in enumerate(NAMES)}
-#: Largest number of branches on a path through a function, and of paths.
-BRANCHES, PATHS = 16, 64
+#: Largest number of paths through a function, and of branches on one.
+PATHS = 64
 #: Operations whose second argument is a table.
 TABLES = (_CODE["interp"], _CODE["slope"])
 #: Operations at which a function may jump.
@@ -215,8 +215,8 @@ class Tape:
             return known != 0.0
         if node not in self._path:
             k = len(self._path)
-            if k >= BRANCHES:
-                raise NotTraceable(f"more than {BRANCHES} branches, or a loop, depend on values")
+            if k >= PATHS:
+                raise NotTraceable(f"more than {PATHS} branches, or a loop, depend on values")
             self._path[node] = self._answers[k] if k < len(self._answers) else True
         return self._path[node]
 

@@ -31,11 +31,10 @@ from unmodeled.search.search import start_from
 
 _Seen = Fitted | Predicted | None
 
-#: Largest number of parameters of an answer, and of equivalents of one.
-MOST, EQUIVALENTS = 6, 3
-#: Posterior odds that a parameter needs against none of the others, and odds to the best one up to
-#: which another one is its equivalent.
-ODDS, ALIKE = 9.0, 0.01
+#: Largest number of equivalents of a parameter.
+EQUIVALENTS = 3
+#: Odds to the best parameter up to which another one is its equivalent.
+ALIKE = 0.01
 
 
 @dataclass(frozen=True)
@@ -46,7 +45,9 @@ class Explanation:
     without: tuple[Without, ...] = ()
 
 
-def smallest(x: Array, covariance: Array, free: Sequence[int]) -> list[list[int]]:
+def smallest(
+    x: Array, covariance: Array, free: Sequence[int], credibility: float
+) -> list[list[int]]:
     """The fewest unknowns that explain a fit if all others are zero, with equivalents.
 
     Forward steps with exchange and removal, by the log posterior odds of each unknown, to first
@@ -60,6 +61,8 @@ def smallest(x: Array, covariance: Array, free: Sequence[int]) -> list[list[int]
         Their posterior covariance, (g, g).
     free
         Indices of those that may be zero.
+    credibility
+        Posterior probability that one needs against none of the others.
 
     Returns
     -------
@@ -81,13 +84,13 @@ def smallest(x: Array, covariance: Array, free: Sequence[int]) -> list[list[int]
         return max(scores, key=lambda k: scores[k])
 
     found: list[int] = []
-    enough = math.log(ODDS * max(len(free), 1))
-    while len(found) < min(MOST, len(free)):
+    enough = math.log(credibility / (1.0 - credibility) * max(len(free), 1))
+    for _ in free:
         scores = odds(found)
         if scores[best := best_of(scores)] < enough:
             break
         found.append(best)
-        for _ in range(MOST):
+        for _ in found:  # at most as often as there are unknowns
             exchanged = list(found)
             for place in range(len(exchanged)):
                 exchanged[place] = best_of(odds([*exchanged[:place], *exchanged[place + 1 :]]))
@@ -111,6 +114,7 @@ def explain(
     predicted: Mapping[tuple[int, ...], Predicted | None],
     groups: Sequence[Sequence[int]],
     values: Callable[[Problem, Fitted], Sequence[ParameterValue]],
+    credibility: float,
     check: Callable[[], None] = lambda: None,
 ) -> Explanation:
     """The fewest parameters that explain a fit, and what is left without each change.
@@ -129,11 +133,13 @@ def explain(
         Causes of each answer: one cause, or the members of a class.
     values
         Values of the parameters of a fit with their intervals.
+    credibility
+        Posterior probability that a parameter of the answer needs.
     check
         Is called before each simulation of all fits that proceed together; may raise ``Stop``: the
         changes without a fit are omitted.
     """
-    work = _Fits(problem, best, covariance, sets, predicted, check)
+    work = _Fits(problem, best, covariance, sets, predicted, credibility, check)
     out, without = [], []
     try:
         for causes in groups:
@@ -160,6 +166,7 @@ class _Fits:
         covariance: Array,
         sets: Mapping[tuple[int, ...], Fitted],
         predicted: Mapping[tuple[int, ...], Predicted | None],
+        credibility: float,
         check: Callable[[], None],
     ) -> None:
         self.problem, self.best, self.covariance, self.check = problem, best, covariance, check
@@ -172,7 +179,7 @@ class _Fits:
             for k, p in enumerate(own)
             if p.of_the_machine and math.isfinite(p.sd) and not released[k]
         ]
-        self.groups = smallest(best.point.x, covariance, tested)
+        self.groups = smallest(best.point.x, covariance, tested, credibility)
         self.kept = set(range(len(own))) - set(tested) | {group[0] for group in self.groups}
         self.known: dict[tuple[frozenset[int], int | None], tuple[Problem, Fitted | None]] = {}
 

@@ -398,9 +398,8 @@ CORRELATED, CERTAIN = 0.9, 0.99
 #: Largest distance of a factor from that of a unit, as a share of their logarithms [1].
 NEAR_FACTOR = 0.15
 #: Share of the squared difference that an explanation must take away; shares that another clock,
-#: input, or scale may leave to be told, and to be certain; smallest share of the variance for which
-#: these are tried [1].
-TAKES_AWAY, LEAVES, LEAVES_CERTAIN, LEAST_VARIANCE = 0.5, 0.1, 0.04, 0.1
+#: input, or scale may leave to be told, and to be certain: less needs no explanation [1].
+TAKES_AWAY, LEAVES, LEAVES_CERTAIN = 0.5, 0.1, 0.04
 #: Largest spread of the delays of all channels that are one delay [1].
 DELAY_SPREAD = 0.3
 #: Prior standard deviation, as a share of the value, from which a parameter may have any size [1].
@@ -533,7 +532,7 @@ def _follows(
     """The change of the records with which the model follows all of them far better, if any."""
     runs = [(r, y) for r, y in runs if r.start is None or r.start.known]
     now = [_left(*run) for run in runs]
-    if not runs or min(now) < LEAST_VARIANCE:
+    if not runs or min(now) < LEAVES:
         return []
     most = [min(LEAVES * v, TAKES_AWAY) for v in now]
     best: list[Hint] = []
@@ -655,7 +654,7 @@ def _better_orders(
         now, left = cost[cycle, cycle], cost[cycle, [order[k] for k in cycle]]
         noise = np.array([(rows[k].noise / rows[k].motion) ** 2 for k in cycle])
         far = now.sum() > TAKES_AWAY * len(cycle) or (
-            now.sum() > LEAST_VARIANCE * len(cycle) and left.sum() < LEAVES_CERTAIN * now.sum()
+            now.sum() > LEAVES * len(cycle) and left.sum() < LEAVES_CERTAIN * now.sum()
         )
         if far and np.all(now > noise) and np.all(left < TAKES_AWAY * np.minimum(now, 1.0)):
             yield tuple((rows[k].channel, rows[order[k]].channel) for k in cycle)

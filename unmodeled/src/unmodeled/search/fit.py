@@ -193,8 +193,12 @@ def noise_left(problem: Problem, linears: Sequence[Linear], taken: float = 0.0) 
     ``taken``: share of the samples that the fit took as degrees of freedom.
     """
     squares = sum((x.residual**2).sum(axis=0) for x in linears)
-    rms = np.sqrt(squares / np.maximum(problem.samples, 1.0) / (1.0 - min(taken, 0.5)))
-    return np.asarray(np.maximum(rms, 1.0))
+    return _noise(problem.samples, np.asarray(squares) / (1.0 - min(taken, 0.5)))
+
+
+def _noise(samples: Array, squares: Array) -> Array:
+    """Noise that squares of residuals show, at least that of the sensor (1)."""
+    return np.asarray(np.sqrt(np.maximum(squares / np.maximum(samples, 1.0), 1.0)))
 
 
 def _taken(
@@ -456,8 +460,7 @@ def fit_local(
         cost = _cost(problem, records, members, prior, local_point, now, weight)
         damping = 1e-3
         for _ in range(rounds):
-            samples, squares = _sums(records, now)
-            left = np.sqrt(np.maximum(squares / np.maximum(samples, 1.0), 1.0))
+            left = _noise(*_sums(records, now))
             own = system(problem, records, members, local_point, now, left, weight, damping)
             moved = replace(
                 point,

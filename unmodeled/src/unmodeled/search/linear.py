@@ -25,8 +25,6 @@ from unmodeled.fit.model import (
 from unmodeled.fit.observe import machine_candidates, observe_all, observed_sensitivities
 from unmodeled.search.problem import Local, Members, Observed, Problem
 
-#: Values above this limit count as diverged; their squares would overflow.
-RUNAWAY = 1e100
 #: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count
 #: as diverged: the integrator is near its limit of stability there.
 STEEP = 100.0
@@ -357,10 +355,9 @@ def _sensed(
 
 def _residual(observed: Observed, readings: Array) -> Array:
     """Residual in units of the noise; NaN where the simulation failed."""
-    bad = ~(np.abs(readings) < RUNAWAY)
-    return np.where(
-        observed.valid, np.where(bad, np.nan, (observed.measured - readings) / observed.sd), 0.0
-    )
+    left = (observed.measured - readings) / observed.sd
+    squares = left * left * left.size  # their sum must be a number, too
+    return np.where(observed.valid, np.where(np.isfinite(squares), left, np.nan), 0.0)
 
 
 def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
@@ -373,8 +370,8 @@ def _scaled(problem: Problem, observed: Observed, columns: Array) -> Array:
 # ------------------------------------------------------------------------------- numbers of shapes
 
 
-#: Standard deviation of the logarithm of a number of a shape, at least and at most.
-NARROW, WIDE = 0.35, 1.2
+#: Smallest standard deviation of the logarithm of a number of a shape.
+NARROW = 0.35
 
 
 @lru_cache(maxsize=1000)
@@ -401,11 +398,11 @@ def movable(effect: Effect) -> tuple[int, ...]:
 def spread_of(effect: Effect, place: int) -> float:
     """Standard deviation of the prior of the logarithm of one number of a shape [1].
 
-    It is half of the range of the listed values.
+    It is half of the range of the listed values, but not less than ``NARROW``.
     """
     rows = [s if isinstance(s, tuple) else (s,) for s in effect.shapes]
     logs = [math.log(abs(r[place] - effect.shape_zero)) for r in rows]
-    return min(max(0.5 * (max(logs) - min(logs)), NARROW), WIDE)
+    return max(0.5 * (max(logs) - min(logs)), NARROW)
 
 
 def moved(effect: Effect, shape: Any, steps: dict[int, float]) -> Any:

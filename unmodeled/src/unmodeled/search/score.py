@@ -20,8 +20,8 @@ LIKELY = 24
 WEAK = 1e-3
 #: Largest magnitude at which a fit begins, in expected magnitudes [1].
 MOST = 50.0
-#: Number of causes of which pairs are scored, and cosine above which two of them are one.
-PAIRED, ALIKE = 40, 0.98
+#: Cosine above which two causes are one.
+ALIKE = 0.98
 
 
 @dataclass(frozen=True)
@@ -136,7 +136,7 @@ def pairs(
 
     Their gain is that of orthogonal least squares; no simulation is needed.
     """
-    own = [s for s in ranked if s.further >= 0][:PAIRED]
+    own = [s for s in ranked if s.further >= 0]
     if len(own) < 2:
         return []
     slope, curvature, _ = _products(problem, fitted, seen)

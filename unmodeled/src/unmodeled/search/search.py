@@ -39,7 +39,7 @@ from unmodeled.search.linear import (
 )
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Member, Members, Observed, Problem
-from unmodeled.search.progress import Limit, Stop, interrupted
+from unmodeled.search.progress import ENDS, Limit, Stop, interrupted
 from unmodeled.search.score import (
     Directions,
     Score,
@@ -52,9 +52,6 @@ from unmodeled.search.score import (
 
 #: Log evidence that a larger set must gain; an exchange must gain what a fit may miss.
 WORTH = 0.5
-#: Shares of the limit of time after which the search and the fits of equivalents end; the rest is
-#: for the held-out records.
-SEARCH, ALIKE = 0.6, 0.7
 #: Largest deviation of a parameter, in standard deviations, at which the tabulated model is near.
 MOVED = 1.0
 #: Share of the gain of the best cause from which others are tried too, up to the second number of
@@ -118,12 +115,20 @@ def search(
     now = model_alone(problem, step)
     _keep(found, [now])
     try:
-        _climb(problem, options, found, now, Limit(begin + SEARCH * options.seconds, step), tell)
+        _climb(
+            problem,
+            options,
+            found,
+            now,
+            Limit(begin + ENDS["search"] * options.seconds, step),
+            tell,
+        )
     except (Stop, KeyboardInterrupt) as stop:
         found.ended_by = stop
     if not interrupted(found.ended_by):  # the limit of time tells no cause from its equivalents
         try:
-            _exchange_alike(problem, found, Limit(begin + ALIKE * options.seconds, step))
+            limit = Limit(begin + ENDS["exchange"] * options.seconds, step)
+            _exchange_alike(problem, found, limit)
         except (Stop, KeyboardInterrupt) as stop:
             found.ended_by = stop
     return found

@@ -50,7 +50,8 @@ from unmodeled.search.result import (
 from unmodeled.search.score import by_record, index_of
 from unmodeled.search.search import Searched, rank, with_all_records, without_one
 
-#: Number of sets that are fitted to all records, and the probability that they have at least.
+#: Number of sets that are fitted to all records; probability, or odds to the best one, below which
+#: a set is not possible.
 PREDICTED, UNLIKELY = 8, 1e-3
 #: Largest number of members of a class that is told.
 CLASS = 6
@@ -61,9 +62,8 @@ GOOD_ENOUGH = 0.01
 #: Number of sets from which the search for a supported one begins; log of the smallest ratio of
 #: held-out residuals without and with a member.
 SUPPORTED, WORTH_A_MEMBER = 3, 0.2
-#: Difference of the log likelihoods below which two causes are equal, and log odds above which both
-#: are possible.
-EQUAL, POSSIBLE = 1.0, -7.0
+#: Difference of the log likelihoods below which two causes are equal.
+EQUAL = 1.0
 #: Half width of a 95 % interval in standard deviations.
 HALF = 1.96
 
@@ -160,6 +160,7 @@ def judge(
         predicted,
         [[i] for i in (*told, *supported)] + classes,
         _parameters,
+        options.credibility,
         check,
     )
     result = Result(
@@ -473,7 +474,7 @@ def _with_equivalents(
                 equal = abs(_worse_by(problem, theirs[0], ours)) < EQUAL
                 if _tested(problem, j) or not equal:
                     continue
-                if log_odds(problem, theirs[0], ours) > POSSIBLE:
+                if log_odds(problem, theirs[0], ours) > math.log(UNLIKELY):
                     own.append(j)
         plain = [i for i in own if not _has_shape(problem, i)]
         if plain and len(own) > len(group):
