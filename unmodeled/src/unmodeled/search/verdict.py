@@ -22,7 +22,7 @@ from unmodeled.search.evidence import (
     weights,
 )
 from unmodeled.search.fit import empty_point
-from unmodeled.search.held_out import Predicted, compare, predict
+from unmodeled.search.held_out import HALF, Predicted, compare, predict
 from unmodeled.search.linear import (
     EvaluationRequest,
     evaluate,
@@ -64,8 +64,6 @@ GOOD_ENOUGH = 0.01
 SUPPORTED, WORTH_A_MEMBER = 3, 0.2
 #: Difference of the log likelihoods below which two causes are equal.
 EQUAL = 1.0
-#: Half width of a 95 % interval in standard deviations.
-HALF = 1.96
 
 
 def judge(
