@@ -52,7 +52,7 @@ DEFINITIONS = {
     "library/forces.py": "FOR_SPEED FOR_COORDINATE",
 }
 DECISIONS = {
-    "search/changes.py": "ALIKE",
+    "search/changes.py": "CLASS ALIKE",
     "search/compare.py": "LONGEST_DELAY UNKNOWN_START CORRELATED CERTAIN NEAR_FACTOR TAKES_AWAY "
     "LEAVES LEAVES_CERTAIN DELAY_SPREAD ANY_SIZE",
     "search/evidence.py": "DEGREES CHANCE",
@@ -64,7 +64,7 @@ DECISIONS = {
     "search/result.py": "TOLERANCE",
     "search/score.py": "ALIKE",
     "search/search.py": "WORTH",
-    "search/verdict.py": "UNLIKELY CLASS SAME GOOD_ENOUGH WORTH_A_MEMBER EQUAL",
+    "search/verdict.py": "UNLIKELY SAME GOOD_ENOUGH WORTH_A_MEMBER EQUAL",
     "fit/mjcf.py": "STEP_ERROR OF_SPREAD",
     "fit/mjcf_changes.py": "ARMATURE CONTACT",
     "fit/mjcf_parts.py": "NUMBERS COPIES",

@@ -11,7 +11,7 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_record
-from unmodeled.search.changes import explain
+from unmodeled.search.changes import CLASS, explain
 from unmodeled.search.evidence import (
     Fitted,
     NormalEquations,
@@ -53,8 +53,6 @@ from unmodeled.search.search import Searched, rank, with_all_records, without_on
 #: Number of sets that are fitted to all records; probability, or odds to the best one, below which
 #: a set is not possible.
 PREDICTED, UNLIKELY = 8, 1e-3
-#: Largest number of members of a class that is told.
-CLASS = 6
 #: Probability of the differences of a magnitude between records below which it is no name.
 SAME = 0.01
 #: Share of the motion that does not matter, unless the user states it.
