@@ -514,9 +514,9 @@ def _per_second(unit: str) -> str:
 # --------------------------------------------------------------------------- steps between samples
 
 
-#: Noncentralities: steps are small enough below the first, and the interpolation of an input is
-#: estimated above it; specified steps cause a warning above the second.
-FINE, NOISY = 1.0, 3.0
+#: Noncentrality below which steps are small enough; above it, specified ones cause a warning, and
+#: the interpolation of an input is estimated.
+FINE = 1.0
 #: Smallest estimated noise of a channel, as a share of its motion [1].
 LEAST_NOISE = 1e-3
 #: Largest number of substeps.
@@ -545,7 +545,7 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
     else:
         noisy = difference_in_noise(out, _with_substeps(out, 2 * model.substeps))
         advice = "increase them, or use None to choose them automatically"
-    if noisy > NOISY:
+    if noisy > FINE:
         notes.append(
             f"model {model.name}: substeps = {out.substeps}: half the step changes the outputs by "
             f"{noisy:.3g} times their noise, which can look like an effect; {advice}"

@@ -31,8 +31,8 @@ from unmodeled.search.search import start_from
 
 _Seen = Fitted | Predicted | None
 
-#: Largest number of equivalents of a parameter.
-EQUIVALENTS = 3
+#: Largest number of members of a class, of causes or of parameters, that is told.
+CLASS = 6
 #: Odds to the best parameter up to which another one is its equivalent.
 ALIKE = 0.01
 
@@ -102,7 +102,7 @@ def smallest(
     for k in found:
         scores = odds(others(k))
         alike = [j for j, v in scores.items() if v > scores[k] + math.log(ALIKE)]
-        groups.append(sorted(alike, key=lambda j: -scores[j])[: 1 + EQUIVALENTS])
+        groups.append(sorted(alike, key=lambda j: -scores[j])[:CLASS])
     return groups
 
 

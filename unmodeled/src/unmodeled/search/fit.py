@@ -39,10 +39,10 @@ from unmodeled.search.progress import Stop
 
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
-#: Largest number of steps, and largest change of the logarithm of the noise at the end.
-ROUNDS, SETTLED = 40, 0.05
+#: Largest number of steps.
+ROUNDS = 40
 #: Change of the logarithm of the noise in a step below which the residual is that of the set.
-COARSE = 0.2
+SETTLED = 0.1
 #: Largest change of a global unknown in the first step, in its scale; it follows the success.
 RADIUS = 2.0
 #: Share of the promised gain above which derivatives are used again [1].
@@ -300,7 +300,7 @@ def _descend(fit: Descent) -> Steps:
     stale = False
     for _ in range(ROUNDS):
         left = noise_left(problem, seen, _taken(problem, members, point, seen, noise))
-        settled = settled or (change < COARSE and not far)
+        settled = settled or (change < SETTLED and not far)
         if settled and fit.rough:
             break
         own_fit = Fitted(members, point, tuple(seen), left)

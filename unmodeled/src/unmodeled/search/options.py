@@ -28,7 +28,7 @@ class Options:
     max_effects: int = 4
     """Largest number of effects in a set [1]."""
     tries: int = 8
-    """Number of effects that are fitted together with a set in each round [1]."""
+    """Number of effects that are fitted together with a set in each round, and of pairs [1]."""
 
     def __post_init__(self) -> None:
         faults = []

@@ -54,9 +54,8 @@ from unmodeled.search.score import (
 WORTH = 0.5
 #: Largest deviation of a parameter, in standard deviations, at which the tabulated model is near.
 MOVED = 1.0
-#: Share of the gain of the best cause from which others are tried too, up to the second number of
-#: causes; number of pairs that are tried.
-NEARLY, MANY, PAIRS = 0.8, 24, 3
+#: Share of the gain of the best cause from which others are tried too.
+NEARLY = 0.8
 #: Growing parts of the records to which the model alone is fitted, as shares of their durations.
 PARTS = (0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
@@ -389,7 +388,7 @@ def with_all_records(
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
     """The first causes by score, and those that are nearly as good; errors of records: a half."""
     best = max((s.gain for s in ranked), default=0.0)
-    count = min(max(tries, sum(s.gain > NEARLY * best for s in ranked)), MANY)
+    count = max(tries, sum(s.gain > NEARLY * best for s in ranked))
     of_records = [s.cause for s in ranked if problem.causes[s.cause].of_records]
     too_many = set(of_records[(count + 1) // 2 :])
     return [s for s in ranked if s.cause not in too_many][:count]
@@ -422,7 +421,7 @@ def _climb(
         """Single causes and pairs that a set may lack."""
         ranked, seen = scored(fitted)
         some = [(s,) for s in _choose(problem, ranked, options.tries)]
-        two = pairs(problem, fitted, seen, ranked)[:PAIRS]
+        two = pairs(problem, fitted, seen, ranked)[: options.tries]
         room = options.max_effects - len(fitted.members)
         return [(_with(fitted, *a), fitted, a) for a in (*some, *(two if room > 1 else ()))]
 

@@ -11,7 +11,7 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_record
-from unmodeled.search.changes import explain
+from unmodeled.search.changes import CLASS, explain
 from unmodeled.search.evidence import (
     Fitted,
     NormalEquations,
@@ -22,7 +22,7 @@ from unmodeled.search.evidence import (
     weights,
 )
 from unmodeled.search.fit import empty_point
-from unmodeled.search.held_out import Predicted, compare, predict
+from unmodeled.search.held_out import HALF, Predicted, compare, predict
 from unmodeled.search.linear import (
     EvaluationRequest,
     evaluate,
@@ -53,8 +53,6 @@ from unmodeled.search.search import Searched, rank, with_all_records, without_on
 #: Number of sets that are fitted to all records; probability, or odds to the best one, below which
 #: a set is not possible.
 PREDICTED, UNLIKELY = 8, 1e-3
-#: Largest number of members of a class that is told.
-CLASS = 6
 #: Probability of the differences of a magnitude between records below which it is no name.
 SAME = 0.01
 #: Share of the motion that does not matter, unless the user states it.
@@ -64,8 +62,6 @@ GOOD_ENOUGH = 0.01
 SUPPORTED, WORTH_A_MEMBER = 3, 0.2
 #: Difference of the log likelihoods below which two causes are equal.
 EQUAL = 1.0
-#: Half width of a 95 % interval in standard deviations.
-HALF = 1.96
 
 
 def judge(
