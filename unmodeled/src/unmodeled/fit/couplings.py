@@ -19,8 +19,8 @@ from unmodeled.fit.coordinates import Coordinate, Coupling, force_unit
 from unmodeled.units import same_unit
 
 Values = Mapping[str, Array]
-#: Step of differences as a share of a value, and largest relative error of derivatives [1].
-STEP, ERROR = 1e-4, 1e-6
+#: Step of central differences as a share of a value, with which rounding and curvature count alike.
+STEP = np.cbrt(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def _row(slopes: Slopes, rate: str, by_second: str, by_first: str) -> Array:
 
 
 def _alike(values: Array | float, other: Array | float) -> bool:
-    return bool(np.allclose(values, other, rtol=ERROR, atol=0.0))
+    return bool(np.allclose(values, other, atol=0.0))
 
 
 def _rounded(value: float) -> float:

@@ -16,7 +16,7 @@ from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.batch import sensitivities, simulated
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, force_unit, values_of
-from unmodeled.fit.couplings import ERROR, STEP, Found, Slopes, Values, couplings_in
+from unmodeled.fit.couplings import STEP, Found, Slopes, Values, couplings_in
 from unmodeled.fit.model import (
     BETWEEN,
     INTERPOLATION,
@@ -394,7 +394,7 @@ class Equations(Model):
             ends = [self._along(record, x, {q.name: q.value + s}) for s in (step, -step)]
             slope = np.stack([ends[0][s.name] - ends[1][s.name] for s in self._states])
             share = np.vdot(own, slope) / np.vdot(own, own)
-            if slope.any() and np.linalg.norm(slope - share * own) <= ERROR * np.linalg.norm(slope):
+            if slope.any() and np.linalg.norm(slope - share * own) <= STEP * np.linalg.norm(slope):
                 return True
         return False
 
