@@ -228,3 +228,10 @@ def test_what_would_be_told_with_another_trust_in_the_model_is_a_note(monkeypatc
     assert "as 40 samples instead of 20, a and one of b, c would be told" in more
     told[40.0] = [0], []
     assert len(verdict._by_trust(problem, [], Given(credibility=0.9))) == 1
+
+
+def test_a_member_of_a_class_has_the_size_with_which_it_stands_for_the_others():
+    one, both, other = sets((0, 2), (0, 1, 2), (1, 2))
+    assert verdict._where([one, both, other], 1) is both
+    assert verdict._where([one, both, other], 1, (0, 1)) is other
+    assert verdict._where([both], 1, (0, 1)) is both

@@ -165,7 +165,7 @@ def judge(
         channels=channels,
         named=tuple(_named(problem, best, sets, weight, i) for i in told),
         classes=tuple(
-            tuple(_named(problem, _where(sets, i), sets, weight, i) for i in group)
+            tuple(_named(problem, _where(sets, i, group), sets, weight, i) for i in group)
             for group in classes
         ),
         supported=tuple(_named(problem, best, sets, weight, i) for i in supported),
@@ -562,9 +562,10 @@ def _told(
     return told, classes
 
 
-def _where(sets: Sequence[Fitted], cause: int) -> Fitted:
-    """The most probable set with a cause."""
-    return next(s for s in sets if cause in s.causes)
+def _where(sets: Sequence[Fitted], cause: int, group: Sequence[int] = ()) -> Fitted:
+    """The most probable set with a cause, if there is one without the others of its class."""
+    own = [s for s in sets if cause in s.causes]
+    return next((s for s in own if {*s.causes} & {*group} <= {cause}), own[0])
 
 
 def _representative(
