@@ -98,21 +98,19 @@ def diagnose(
         before = compared(ready)
         refuse(before)
         problem = prepare(ready, tested, hold_out, options)
-        notes = (
-            *chosen,
-            *_split(problem, ready.records, hold_out),
-            *_clocks(problem),
-            *before.notes,
-            *(h.text for h in before.hints),
-        )
-        problem = replace(problem, notes=notes)
+        by_us = hold_out is None and not any(r.role == "held_out" for r in ready.records)
+        notes = (*_clocks(problem), *before.notes, *(h.text for h in before.hints))
+        problem = replace(problem, notes=())
         if varies(problem):
             problem = with_variation(problem)
         meter.stage("fit")
-        searched = search(problem, options, meter.stage, meter.step)
+        whole = by_us and len(ready.records) > len(problem.held_out)
+        searched = search(problem, options, meter.stage, meter.step, exchangeable=whole)
         needed = meter.needed
         check = Limit(began + FITS * options.seconds, meter.step)
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
+        split = _split(searched.problem) if by_us else ()
+        result = replace(result, notes=(*chosen, *split, *notes, *result.notes))
         if not result.complete:
             late = Reason.INTERRUPTED not in result.reasons
             least = 2.0 * options.seconds if late else time.monotonic() - began
@@ -134,12 +132,8 @@ def _interrupted() -> Iterator[None]:
         raise KeyboardInterrupt("before there was an answer") from None
 
 
-def _split(
-    problem: Problem, records: Sequence[Record], hold_out: Sequence[str] | str | None
-) -> tuple[str, ...]:
+def _split(problem: Problem) -> tuple[str, ...]:
     """A note about records that are held out because nobody stated which."""
-    if hold_out is not None or any(r.role == "held_out" for r in records):
-        return ()
     return (f"held out: {', '.join(o.record.name for o in problem.held_out)} (hold_out=)",)
 
 

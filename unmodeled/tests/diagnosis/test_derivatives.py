@@ -118,7 +118,7 @@ def test_derivatives_of_a_late_record_are_those_of_the_late_motion():
     late = replace(record, sensors={"position": sensor}, start=start)
     problem = prepare(ready_records(model, [late]), EFFECTS, (), Options())
     assert [q.kind for q in problem.fit[0].local] == ["start", "start", "delay"]
-    start = np.array([*np.full(len(problem.free), 0.3), 0.5, -0.7, 1.5])
+    start = np.array([*np.full(len(problem.free), 0.3), 0.5, -0.7, 1.55])  # between two samples
 
     def at(values, derivatives=False):
         point = Point(values[:-3], (values[-3:],))

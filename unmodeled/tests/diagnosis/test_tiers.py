@@ -23,13 +23,13 @@ from .conftest import spring_record
 def test_a_factor_is_a_class_of_all_places_that_it_can_have(late, monkeypatch):
     """Also if the time is up before causes are exchanged."""
 
-    def without_exchange(problem, options, stage, step):
+    def without_exchange(problem, options, stage, step, **given):
         def tell(name):
             stage(name)
             if name == "exchange":
                 raise Stop
 
-        return search(problem, options, tell, step)
+        return search(problem, options, tell, step, **given)
 
     if late:
         monkeypatch.setattr("unmodeled.diagnosis.search", without_exchange)

@@ -176,6 +176,7 @@ def test_what_explains_the_records_as_well_is_in_the_class(monkeypatch):
     monkeypatch.setattr(verdict, "_tested", lambda _, i: i in tested)
     monkeypatch.setattr(verdict, "_has_shape", lambda _, i: i in shaped)
     monkeypatch.setattr(verdict, "log_odds", lambda _, s, __: odds.get(s.causes[0], 0.0))
+    monkeypatch.setattr(verdict, "_of_sizes", lambda *_: 0.0)
     pairs = [frozenset(p) for p in ((0, 1), (0, 2), (0, 3))]
 
     def found(alike=pairs, told=(0,), classes=()):

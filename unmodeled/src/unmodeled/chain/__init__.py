@@ -122,6 +122,11 @@ class Fault:
         del signal
         return self
 
+    def at(self, channel: str) -> Fault:
+        """The fault of a channel of a record, whose readings it may use."""
+        del channel
+        return self
+
 
 _FAULTS: dict[str, Fault] = {}
 

@@ -29,7 +29,7 @@ class Gain(Fault):
 
     def fields(self, signal: Signal) -> dict[str, Any]:
         # A record without this input contains no information about it.
-        return {"scale": 0.05, **({"lower": -0.9} if signal.is_input else {})}
+        return {"scale": 0.05, **({"lower": -0.999} if signal.is_input else {})}
 
 
 class Offset(Fault):

@@ -30,14 +30,19 @@ def _with_sample_before(run: Run, y: Array, before: Any) -> tuple[Array, Array]:
     return np.concatenate([earlier, run.time]), np.concatenate([first, y], axis=1)
 
 
+@dataclass(frozen=True)
 class Delay(Fault):
     """reading(t) = y(t - size), by cubic splines.
 
-    It is removed by linear interpolation, because an input may jump; with the shape "smooth" by
-    splines. If an input acts later, a record does not contain what acts at its begin: with the
-    shape "zero", the machine was at rest.
+    What a late sensor shows of the time before a record, the model does not know: the signal went
+    on as it begins, or it was constant, whichever is nearer to the readings. A delay is removed by
+    linear interpolation, because an input may jump; with the shape "smooth" by splines. If an input
+    acts later, a record does not contain what acts at its begin: with the shape "zero", the machine
+    was at rest.
     """
 
+    channel: str = ""
+    """Channel of a record whose readings count before its begin."""
     name, unit, place, common, always = "delay", "s", 2.0, True, True
     sensor = ("The sensor is late.", "Synchronize the clocks.")
     input = (
@@ -48,13 +53,30 @@ class Delay(Fault):
     each = "delay", "Synchronize the clocks in each record."
 
     def act(self, run: Run, y: Array, size: Any, shape: Any = None) -> Array:
-        return at_times(run.time, y, run.time - size)
+        parts = [at_times(run.time, v[None], self._moments(run, v[None], size)) for v in y]
+        return np.concatenate(parts) if parts else y
 
     def by_size(self, run: Run, y: Array, size: float, shape: Any = None) -> Array:
-        return -at_times(run.time, y, run.time - size, rate=True)
+        moments = self._moments(run, y, size)
+        rates = at_times(run.time, y, moments, rate=True)
+        return np.where(moments > run.time - size, 0.0, -rates)
 
     def push(self, run: Run, y: Array, size: float, shape: Any, change: Array) -> Array:
-        return self.act(run, change, size)
+        return at_times(run.time, change, self._moments(run, y, size))
+
+    def _moments(self, run: Run, y: Array, size: Any) -> Array:
+        """Times whose values a signal (1, n) shows: before the record also its begin, (n,)."""
+        moments = run.time - size
+        readings = run.outputs.get(self.channel, np.zeros(0)) if self.channel else np.zeros(0)
+        before = (moments < run.time[0])[: readings.size]
+        before &= np.isfinite(readings[: before.size])
+        if not before.any():
+            return np.asarray(moments)
+        at = np.flatnonzero(before)
+        moving = at_times(run.time, y, moments)[0, at] - readings[at]
+        steady = y[0, 0] - readings[at]
+        rests = float(steady @ steady) < float(moving @ moving)
+        return np.maximum(moments, run.time[0]) if rests else np.asarray(moments)
 
     def undo(self, run: Run, reading: Array, size: float, shape: Any = None) -> Array:
         time, values = run.time, reading
@@ -68,11 +90,18 @@ class Delay(Fault):
     def fields(self, signal: Signal) -> dict[str, Any]:
         return {"scale": signal.interval, **(LATE if signal.is_input else {})}
 
+    def of(self, signal: Signal) -> Delay:
+        return self if signal.is_input else self.at(signal.name)
+
+    def at(self, channel: str) -> Delay:
+        return Delay(channel)
+
 
 class Clock(Fault):
     """reading(t) = y(t + size t), with the time counted from the first sample."""
 
     name, place, common = "clock", 0.0, True
+    each = "clock", "Compare the clocks of the records with another one over a long time."
 
     def _moments(self, run: Run, y: Array, size: float) -> tuple[Array, Array]:
         time = run.time[: y.shape[1]]

@@ -48,6 +48,28 @@ def noise_in_difference(values: Array, order: int) -> float:
     return float(np.median(difference) / 0.6745 / np.sqrt(float(math.comb(2 * order, order))))
 
 
+def noise_of_samples(time: npt.ArrayLike, value: npt.ArrayLike, orders: int = 4) -> float:
+    """Standard deviation of white noise in samples of a motion, also in few, in their unit.
+
+    Of fewer than 12 samples it is the largest noise that they may have: the smallest rms of their
+    divided differences up to the order ``orders`` with a sum of squared coefficients of 1, of which
+    there are at least two; else their spread.
+    """
+    import numpy as np
+
+    t, x = np.asarray(time, dtype=float), np.asarray(value, dtype=float)
+    if x.size >= LEAST_SAMPLES:
+        return noise_of_record(x)
+    found = [float(np.std(x))] if x.size else [0.0]
+    for order in range(1, min(orders, x.size - 2) + 1):
+        at = np.arange(x.size - order)[:, None] + np.arange(order + 1)
+        apart = t[at][:, :, None] - t[at][:, None, :] + np.eye(order + 1)
+        factors = 1.0 / np.prod(apart / np.ptp(t), axis=2)
+        factors /= np.linalg.norm(factors, axis=1, keepdims=True)
+        found.append(float(np.sqrt(np.mean(np.sum(factors * x[at], axis=1) ** 2))))
+    return min(found)
+
+
 def start_of(values: npt.ArrayLike, noise: float | None = None) -> float:
     """Mean of a record while it is at rest at the beginning, in its unit; NaN if not measured.
 

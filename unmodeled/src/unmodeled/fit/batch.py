@@ -109,13 +109,16 @@ class _Tracks:
         out = values[..., None] + 0.0 * share
         if hold != "zero":
             out += share * (following - values)[..., None]
-        if hold not in ("spline", "between"):
+        if hold not in ("spline", "other", "between"):
             return [*out]
         bends = Spline(record.time, values)(record.time, 2)
         ahead, rest = np.append(bends[:, 1:], bends[:, -1:], axis=1)[..., None], 1.0 - share
         square = np.append(np.diff(record.time), 0.0)[:, None] ** 2 / 6.0
         bent = square * ((rest**3 - rest) * bends[..., None] + (share**3 - share) * ahead)
-        if hold == "spline":
+        if hold != "spline":  # most samples repeat the one before: a switch may hold it
+            steps = 2.0 * np.mean(following == values, axis=1) > 1.0
+            bent[steps] = -(share * (following - values)[..., None])[steps]
+        if hold != "between":
             return [*(out + bent)]
         return [part for pair in zip(out, bent, strict=True) for part in pair]
 

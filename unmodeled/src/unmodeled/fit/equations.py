@@ -15,6 +15,7 @@ from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.batch import sensitivities, simulated
+from unmodeled.fit.coherent import Coherent
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, force_unit, values_of
 from unmodeled.fit.couplings import STEP, Found, Slopes, Values, couplings_in
 from unmodeled.fit.model import (
@@ -94,7 +95,8 @@ class Equations(Model):
         as for a digital-to-analog converter); ``"spline"`` (cubic, for a smooth signal that was
         sampled sparsely: linear interpolation attenuates signals with less than ten samples per
         period). ``"auto"``: linear; if a fit or a diagnosis could detect the difference to a
-        spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline.
+        spline, it has a parameter ``between.INPUT``, 0: linear, 1: spline; of an input that mostly
+        repeats its last sample, 1: constant.
     """
 
     cheap_derivatives = True
@@ -118,11 +120,17 @@ class Equations(Model):
     ):
         self.name = name
         given = stated(rates, parameters, unknown, bounds, name)
+        self._states = states_of(states)
+        known = inputs if isinstance(inputs, Mapping) else {}
+        coherent = Coherent(rates, self._states, known, outputs, given)
+        if coherent.as_stated:
+            given = stated(rates, parameters, unknown, bounds, name, convert=False)
+        rates, outputs = coherent.rates, coherent.outputs
         self.parameters, neutral, self._unsized = given.parameters, given.neutral, given.unsized
-        self._converted = given.notes
+        self.converted = given.converted
+        self._converted = tuple(filter(None, (*given.notes, coherent.note)))
         self._rates = with_unknown(rates, neutral)
         self.effects = tuple(by_rates(rates, e, neutral) for e in given.effects)
-        self._states = states_of(states)
         self._unscaled = isinstance(states, Mapping)
         found = trial(self._rates, self._states, self.parameters, inputs)
         outputs = {s.name: s.name for s in self._states} if outputs is None else outputs
@@ -139,7 +147,7 @@ class Equations(Model):
                 ports = {s.name: s.name for s in self._states if s.name not in own}
         self.coordinates = tuple(coordinates)
         self.substeps = substeps
-        self.hold: Literal["auto", "linear", "zero", "spline", "between"] = hold
+        self.hold: Literal["auto", "linear", "zero", "spline", "other", "between"] = hold
         self.method = method
         self._resolved = False
         self._outputs: dict[str, Output] = {
@@ -552,7 +560,7 @@ def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, li
         )
     if model.hold == "auto":
         straight, smooth = copy.copy(out), copy.copy(out)
-        straight.hold, smooth.hold = "linear", "spline"
+        straight.hold, smooth.hold = "linear", "other"
         out.hold = "linear"
         if model.inputs and difference_in_noise(straight, smooth) > FINE:
             out.hold = "between"
@@ -808,7 +816,9 @@ def _travel_unit(speed: str) -> str:
 def _coordinate(position: State | None, speed: State, inertias: Sequence[str]) -> Coordinate:
     """Coordinate of two states, or of a speed; with one inertia, forces on it are forces."""
     unit = position.unit if position else _travel_unit(speed.unit)
-    inertia = inertias[0] if len(inertias) == 1 else None
+    # With an inertia in kg, a force is in newtons only where the travel is in meters.
+    plain = _same_kind(unit, "rad") or to_si(unit)[0] == 1.0
+    inertia = inertias[0] if len(inertias) == 1 and plain else None
     return Coordinate(
         name=(position or speed).name,
         position=position.name if position else "",

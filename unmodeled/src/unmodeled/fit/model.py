@@ -483,6 +483,8 @@ class Model(ABC):
     """Names of the inputs; empty: any, or those of ``input_modes``."""
     effects: tuple[Effect, ...] = ()
     """Effects that the model offers for a diagnosis."""
+    converted: Mapping[str, tuple[float, str]] = {}
+    """Factor to SI and stated unit of each parameter that was converted for the function."""
     offers_all: bool = False
     """Whether ``effects`` contains those of inputs and sensors as well."""
     units: Mapping[str, str] = MappingProxyType({})

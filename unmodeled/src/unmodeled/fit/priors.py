@@ -93,6 +93,8 @@ class Stated:
     """Those whose expected size is not stated."""
     notes: tuple[str, ...]
     """What the function gets where a number was converted."""
+    converted: dict[str, tuple[float, str]]
+    """Factor and stated unit of the converted parameters."""
 
 
 def stated(
@@ -101,12 +103,14 @@ def stated(
     unknown: Unknowns,
     bounds: Bounds,
     model: str,
+    convert: bool = True,
 ) -> Stated:
     """Parameters and unknown effects of a function, converted to the units that it wants.
 
     A stated unit is the unit of the number, and of its bounds. The function gets SI units, except
     where its attribute ``units``, by name, has another unit. Its attribute ``values`` has values
-    that need not be stated, and ``limits`` has bounds, both in the units that it gets.
+    that need not be stated, and ``limits`` has bounds, both in the units that it gets. ``convert``:
+    False: it gets the units that are stated.
 
     Raises
     ------
@@ -122,14 +126,19 @@ def stated(
                 f"model {model}: bounds of {name}, which is no parameter{near_names(name, names)}; "
                 f"there are {', '.join(names) or 'none'}"
             )
-    reader = _Reader(function, bounds or {})
+    reader = _Reader(function, bounds or {}, convert)
     if isinstance(parameters, Mapping):
         found = [reader.parameter(n, p) for n, p in parameters.items()]
     else:
         found = [reader.limited(p) for p in parameters]
     effects = [reader.unknown(n, u) for n, u in unknown.items()]
     return Stated(
-        tuple(found), tuple(effects), reader.neutral, frozenset(reader.unsized), reader.notes
+        tuple(found),
+        tuple(effects),
+        reader.neutral,
+        frozenset(reader.unsized),
+        reader.notes,
+        reader.converted,
     )
 
 
@@ -147,7 +156,10 @@ def _numbers(values: Iterable[Any]) -> bool:
 class _Reader:
     """Reads short forms into the units that a function gets."""
 
-    def __init__(self, function: Callable[..., Any], bounds: Mapping[str, Any]):
+    def __init__(
+        self, function: Callable[..., Any], bounds: Mapping[str, Any], convert: bool = True
+    ):
+        self._convert = convert
         self._units: Mapping[str, str] = getattr(function, "units", {})
         self._values: Mapping[str, float | None] = getattr(function, "values", {})
         self._limits: Mapping[str, tuple[float, float]] = getattr(function, "limits", {})
@@ -160,10 +172,13 @@ class _Reader:
         self._told: list[str] = []
         self.neutral: dict[str, float] = {}
         self.unsized: set[str] = set()
+        self.converted: dict[str, tuple[float, str]] = {}
 
     def _factor(self, name: str, unit: str) -> tuple[float, str]:
         """Factor from a stated unit to that which the function gets, and this unit."""
         wanted = self._units.get(name, "")
+        if not self._convert:
+            return 1.0, unit or "1"
         if unit in ("", "1") or unit == wanted:  # a plain number has the unit of the function
             return 1.0, wanted or "1"
         try:
@@ -273,6 +288,8 @@ class _Reader:
             text = f"{mark} {factor * size:.6g} {got} ({size:.6g} {unit})"
             self._told.append(f"{name} {text if size else f'in {got} (not {unit})'}")
             self._first, self._unit = name, unit
+        if mark == "=" and factor != 1.0 and not self._file:
+            self.converted[name] = factor, unit
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -180,6 +180,7 @@ class Simulator(Model):
         self.name = name = name or (called if called.isidentifier() else "simulator")
         given = stated(function, parameters, unknown, bounds, name)
         self.parameters, self.effects = given.parameters, given.effects
+        self.converted = given.converted
         self._neutral, self._unsized, self._converted = given.neutral, given.unsized, given.notes
         self.inputs = tuple(inputs or ())
         self.outputs = tuple(outputs or ())

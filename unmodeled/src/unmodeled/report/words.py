@@ -16,6 +16,8 @@ TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters 
          1.0: "one turn"}  # fmt: skip
 #: Comparatives of directions; "stronger" is one, and others are "further in".
 FURTHER = {"up": "higher", "down": "lower", "more": "more", "less": "less", "": "further"}
+#: What errors of a signal with a level take away.
+LOST = {"dead zone": "within it", "saturation": "beyond it"}
 #: Largest half width of an interval with which a share of a turn is a word, and largest number of
 #: equivalents that a clause names.
 SURE, EQUIVALENTS = 0.1, 2
@@ -126,6 +128,11 @@ def _clause(c: Change) -> str:
     if not sure:
         be, has, differs, acts = ("may be", "may have", "may differ", "may act")
     fault, _, place = c.title.partition(" of ")
+    if len(c.records) == len(c.by_record) > 1:
+        what = _with_article(c.title.removesuffix(" in each record"))
+        return f"{what} {differs} between the records: {_by_record(c)}"
+    if fault in LOST and place.startswith(("sensor ", "input ")):
+        return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
     if fault == "lag" and place.startswith(("sensor ", "input ")) and " in " not in place:
         return f"the {place} {has} a lag of {size}"
     if c.kind in ("sensor", "input"):
@@ -173,6 +180,33 @@ def _clause(c: Change) -> str:
     factor, _ = scale(*ends, c.unit)
     before = number(factor * c.tabulated)
     return f"{thing} {be} {of}{name} ({low} to {high}{_also(c)}) instead of {before}"
+
+
+def _lost(c: Change, fault: str, place: str, share: str) -> str:
+    """A dead zone or a saturation: its level, and the share that it takes away unless it is all."""
+    *end, level = c.shape if isinstance(c.shape, tuple) else (c.shape,)
+    unit = c.shape_names[-1].partition("[")[2].removesuffix("]") or "1"
+    way = {"highest": "above ", "lowest": "below "}.get("".join(end), "\N{PLUS-MINUS SIGN}")
+    level = f"{way}{size_in(float(level), unit)}"
+    may = "may have" if c.tier == "supported" else "has"
+    less = f", which takes away {share} of what is {LOST[fault]}" if share else ""
+    return f"the {place} {may} a {fault} {'' if end else 'of '}{level}{less}"
+
+
+def _by_record(c: Change) -> str:
+    """Sizes of an error that each record has by itself: where it is, if most do not have it."""
+    most = max(map(abs, c.by_record))
+    factor, unit = scale(0.0, most, c.unit, relative=c.relative)
+
+    def of(value: float) -> str:
+        return number(factor * value, 0.5 * factor * (c.high - c.low)) + unit
+
+    named = sorted(zip(c.records, c.by_record, strict=True))
+    odd = [f"{of(v)} in {n}" for n, v in named if 2.0 * abs(v) > most]
+    if 2 * len(odd) > len(named):
+        return f"{of(min(c.by_record))} to {of(max(c.by_record))}"
+    rest = max(abs(v) for _, v in named if 2.0 * abs(v) <= most)
+    return f"{shortened(joined(odd), 100)}, at most {of(rest)} in the others"
 
 
 def sign_of_delay(c: Change) -> float:

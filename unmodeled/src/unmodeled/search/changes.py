@@ -215,6 +215,9 @@ class _Fits:
                     if u[0] != "parameter" and u[1] == lost]  # fmt: skip
             point = Point(np.delete(x, [*zero, *gone]), tuple(local or best.point.local))
             (found,) = fit_sets(smaller, [Start(members, (point,))], self.check, rough=True)
+            if found is None:  # to first order, the others have gone too far
+                point = replace(point, x=np.delete(best.point.x, [*zero, *gone]))
+                (found,) = fit_sets(smaller, [Start(members, (point,))], self.check, rough=True)
             self.known[key] = smaller, found
         return self.known[key]
 

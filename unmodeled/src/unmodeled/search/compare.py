@@ -16,7 +16,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record, join_records
 from unmodeled.data.joining import align_clocks
 from unmodeled.data.wrapping import wrap_of
-from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.errors import DataError, Error, InvalidParameter
 from unmodeled.fit.model import Candidate, Model, Ready, SensitivityRequest, start_in
 from unmodeled.fit.noise import rms_of_measured
 from unmodeled.fit.observe import observe
@@ -208,7 +208,7 @@ def refuse(found: Comparison) -> None:
     """
     sure = [h for h in found.hints if h.sure]
     texts = "; ".join(h.text for h in sure)
-    if sure and all(h.kind == "wrap" for h in sure):
+    if sure and all(h.kind in ("wrap", "parameter") for h in sure):
         raise DataError(f"records: {texts}")
     if sure:
         raise DataError(
@@ -417,8 +417,8 @@ _CLOCKS = (60.0, 1.0 / 60.0, 1e-3, 1e3, 3600.0, 1.0 / 3600.0)
 
 def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
     """Hints about the differences; a certain one rests on parameters with small tolerances."""
-    if wraps := [*_wraps(runs)]:
-        return tuple(wraps)
+    if certain := [*_wraps(runs), *_as_stated(model, runs)]:
+        return tuple(certain)
     size = _size_of_tolerances(model)
     found: list[Hint] = []
     if math.isfinite(size):
@@ -447,6 +447,49 @@ def _wraps(runs: Runs) -> Iterator[Hint]:
                 found.setdefault((name, text), []).append(record.name)
     for (name, text), where in found.items():
         yield Hint("wrap", (name,), f"{name} of {', '.join(where)} {text}", sure=True)
+
+
+def _as_stated(model: Model, runs: Runs) -> Iterator[Hint]:
+    """Whether the records contradict the conversion of parameters to SI.
+
+    With the numbers as they are stated, the model follows the records, and with SI it does not.
+    """
+    if not model.converted:
+        return
+    theta = np.array([p.value / model.converted.get(p.name, (1.0, ""))[0]
+                      for p in model.parameters])  # fmt: skip
+    try:
+        other = [(r, simulated(model, r, theta)) for r, _ in runs]
+    except Error:  # it needs other values
+        return
+
+    def missed(run: tuple[Record, Mapping[str, Array]]) -> float:
+        record, outputs = run
+        shares = [
+            float(np.sqrt(np.mean((y[good] - outputs[n][good]) ** 2)) / (np.std(y[good]) or 1.0))
+            for n, y in record.outputs.items()
+            if n in outputs and (good := np.isfinite(y)).any()
+        ]
+        return float(np.nan_to_num(max(shares, default=0.0), nan=math.inf))
+
+    with np.errstate(all="ignore"):
+        far, near = (max(map(missed, part)) for part in (runs, other))
+    if near < 0.5 * min(far, 1.0):
+        names = [p for p in model.parameters if p.name in model.converted]
+        given = ", ".join(
+            f"{p.name} = {p.value / model.converted[p.name][0]:.6g} ({model.converted[p.name][1]}, "
+            f"not {p.value:.6g} {p.unit})"
+            for p in names
+        )
+        first = names[0].name
+        yield Hint(
+            "parameter",
+            tuple(p.name for p in names),
+            f"the model follows the records with {given}: it takes the numbers as they are stated; "
+            f"the attribute units of this function, such as {{{first!r}: "
+            f"{model.converted[first][1]!r}}}, tells it, or state SI units",
+            sure=True,
+        )
 
 
 def _size_of_tolerances(model: Model) -> float:

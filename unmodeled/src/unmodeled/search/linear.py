@@ -337,9 +337,11 @@ def _sensed(
     faulty = [j for j, q in enumerate(local) if q.kind in order]
     own = sorted(faulty, key=lambda j: order[local[j].kind])
     links = [
-        (Link(fault_of(q.kind), q.channels), float(values[j]) * q.scale, None)
+        (Link(fault, q.channels), float(values[j]) * q.scale, None)
         for j in own
         for q in (local[j],)
+        for alone in (problem.names[q.channels[0]] if len(q.channels) == 1 else "",)
+        for fault in (fault_of(q.kind).at(alone),)
     ]
     count = columns.shape[2]
     readings, columns = through(links, observed.record, outputs, columns)

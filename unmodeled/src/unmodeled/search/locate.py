@@ -288,7 +288,7 @@ def _force_path(
         path = motion(problem.model, o.record, _jobs(problem, fitted, r, 1))
         if path is None:
             return None
-        stops = np.linspace(0, o.record.samples - 1, KNOTS).astype(int)
+        stops = np.linspace(0, o.end - 1, KNOTS).astype(int)
         x = path[stops]
         there = [x[:, names.index(n)] if n in names else 0.0 * x[:, 0]
                  for n in (port.position, port.speed)]  # fmt: skip

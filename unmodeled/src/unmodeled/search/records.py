@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from unmodeled.chain import fault_of, faults
 from unmodeled.data import Array, Record, Role
 from unmodeled.data.records import UNNAMED
-from unmodeled.data.smoothing import LEAST_SAMPLES, noise_of_record
+from unmodeled.data.smoothing import noise_of_samples
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter, near_names
 from unmodeled.fit.model import Effect, Model, Ready, start_in
@@ -37,7 +37,7 @@ WRONG_STATEMENT = 0.05
 #: Expected offset of a sensor in each record, as a share of the motion, and other errors [1].
 OFFSET, SHARE = 0.1, 0.05
 #: Simulated time after the end of a record, which a fast clock shows, as a share of it [1].
-AFTER = 0.03
+AFTER = 0.08
 
 
 def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
@@ -121,7 +121,7 @@ def prepare(
     """
     _check_effects(ready.model, effects)
     fitted, held = split_records(ready.records, hold_out)
-    problem = problem_of(ready.model, effects, fitted, held, options, ready.notes)
+    problem = problem_of(ready.model, effects, fitted, held, options, ready.notes, ready.records)
     return replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
 
 
@@ -151,8 +151,11 @@ def problem_of(
     held: Sequence[Record],
     options: Options,
     notes: tuple[str, ...] = (),
+    measured: Sequence[Record] = (),
 ) -> Problem:
     """The problem of records that are ready for the model (:meth:`unmodeled.fit.Model.ready`).
+
+    ``measured``: the whole records, of which ``fitted`` and ``held`` may be parts.
 
     Raises
     ------
@@ -168,7 +171,7 @@ def problem_of(
             f"({', '.join(model.outputs)}) or a unit of one ({', '.join(units)})"
         )
     sensors = [r.sensors[n] for r in fitted for n in names if n in r.outputs]
-    noise = _noise_levels(records)
+    noise = _noise_levels(measured or records)
     # Functions of a user may return arrays of the length of the measured record.
     clock = clock_rate()
     after = AFTER if model.states() and model.accepts(clock) else 0.0
@@ -212,6 +215,10 @@ def _errors(
     if model.accepts(clock) and clock.name not in listed:
         found.append(Cause(clock.name, clock.component, clock))
     stated = {(q.kind, c) for o in records for q in o.local for c in q.channels}
+    if len(records) > 1 and model.accepts(clock) and "clock" not in {kind for kind, _ in stated}:
+        every = tuple(range(len(names)))
+        local = Local("clock", 0, 0.0, clock.scale, channels=every)
+        found.append(Cause(f"{clock.name} in each record", clock.component, local=local))
     interval = float(np.median([o.record.interval for o in records]))
     for c, name in enumerate(names):
         if len(records) < 2 or rms[c] == 0.0:
@@ -331,9 +338,7 @@ def noise_of_channel(record: Record, name: str, pooled: float | None = None) -> 
         known = values[np.isfinite(values)]
         steps = np.diff(np.unique(known))
         steps = steps[steps > 1e-9 * most]
-        # Too few values have no noise of their own: nothing smaller than their spread is known.
-        few = float(np.std(known)) if known.size else 0.0
-        sigma = noise_of_record(known) if known.size >= LEAST_SAMPLES else few
+        sigma = noise_of_samples(record.time[np.isfinite(values)], known)
         sigma = max(sigma, rounding_error(float(steps.min()))) if steps.size else 0.0
     found = noise_of(sensor, sigma, sensor.quantum)
     return replace(found, sigma=max(found.sigma, 1e-9 * (most or 1.0)))

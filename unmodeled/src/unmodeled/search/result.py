@@ -273,6 +273,8 @@ class Change:
     shape_names: tuple[str, ...] = ()
     by_record: tuple[float, ...] = ()
     """Magnitude in each fitted record by itself [unit]."""
+    records: tuple[str, ...] = ()
+    """Names of these records, if the change is an error that each record has by itself."""
     mechanism: str = ""
     remedy: str = ""
     equivalents: tuple[Change, ...] = ()
@@ -481,6 +483,7 @@ class Result:
             shape=n.shape,
             shape_names=n.shape_names,
             by_record=n.by_record,
+            records=self.records if n.cause.endswith(" in each record") else (),
             mechanism=n.mechanism,
             remedy=n.remedy,
         )
@@ -572,9 +575,11 @@ class Compared:
 
 @dataclass(frozen=True)
 class Hint:
-    """An error of the records that would explain a difference."""
+    """An error of the records, or of what is stated, that would explain a difference."""
 
-    kind: Literal["unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap"]
+    kind: Literal[
+        "unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap", "parameter"
+    ]
     channels: tuple[str, ...]
     text: str
     sure: bool = False

@@ -245,18 +245,20 @@ def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
     for i, cause in enumerate(problem.causes):
         if cause.local is None or i in fitted.causes:
             continue
-        c, gain = cause.local.index, 0.0
+        fault, gain = fault_of(cause.local.kind), 0.0
         for o, linear in zip(problem.fit, fitted.linears, strict=True):
-            readings = o.measured[:, c] - linear.residual[:, c] * o.sd[:, c]
-            time, valid = o.record.time, o.valid[:, c]
-            if valid.any():
-                readings = np.interp(time, time[valid], readings[valid])
-            fault = fault_of(cause.local.kind)
-            pattern = fault.by_size(o.record, readings[None], 0.0)[0]
-            column = np.where(valid, cause.local.scale * pattern / o.sd[:, c], 0.0)
-            column /= fitted.noise[c]
-            slope = float(column @ linear.residual[:, c]) / fitted.noise[c]
-            gain += 0.5 * slope**2 / (float(column @ column) + 1.0)
+            time, slope, weight = o.record.time, 0.0, 1.0
+            for c in cause.local.channels:
+                readings = o.measured[:, c] - linear.residual[:, c] * o.sd[:, c]
+                valid = o.valid[:, c]
+                if valid.any():
+                    readings = np.interp(time, time[valid], readings[valid])
+                pattern = fault.by_size(o.record, readings[None], 0.0)[0]
+                column = np.where(valid, cause.local.scale * pattern / o.sd[:, c], 0.0)
+                column /= fitted.noise[c]
+                slope += float(column @ linear.residual[:, c]) / fitted.noise[c]
+                weight += float(column @ column)
+            gain += 0.5 * slope**2 / weight
         found[i] = Score(i, None, gain, 0.0)
     return found
 

@@ -28,7 +28,7 @@ from unmodeled.search.fit import (
     noise_left,
     run_in_lockstep,
 )
-from unmodeled.search.held_out import Predicted
+from unmodeled.search.held_out import Predicted, predict
 from unmodeled.search.linear import (
     EvaluationRequest,
     Linear,
@@ -99,10 +99,12 @@ def search(
     options: Options,
     tell: Callable[[str], None] = lambda _: None,
     step: Callable[[], None] = lambda: None,
+    exchangeable: bool = False,
 ) -> Searched:
     """Search the sets of causes.
 
-    ``tell`` is called with the stage, and ``step`` before each simulation.
+    ``tell`` is called with the stage, and ``step`` before each simulation. ``exchangeable``:
+    whether other records may be held out, see :func:`_with_the_odd`.
 
     Raises
     ------
@@ -110,8 +112,10 @@ def search(
         The model alone cannot be simulated.
     """
     begin = time.monotonic()
-    found = Searched(problem)
     now = model_alone(problem, step)
+    if exchangeable and (other := _with_the_odd(problem, now, step)).fit != problem.fit:
+        problem, now = other, model_alone(other, step)
+    found = Searched(problem)
     _keep(found, [now])
     try:
         _climb(
@@ -141,6 +145,32 @@ def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
         old = found.sets.get(fitted.causes)
         if old is None or log_odds(found.problem, fitted, old) > 0.0:
             found.sets[fitted.causes] = fitted
+
+
+def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Problem:
+    """The problem with those held-out records in the fit that show what the others do not.
+
+    What acts in a held-out record only, no set of causes can predict. A record of which the model
+    alone leaves more than of all fitted ones together takes the place of the one that it follows
+    best.
+    """
+    held = predict(problem, [alone], step)[0] if problem.held_out else None
+    if held is None:
+        return problem
+
+    def left(records: Sequence[Observed], residuals: Sequence[Array]) -> list[float]:
+        """Mean square in units of the noise, of the channel that misses most."""
+        return [
+            float(np.max((x**2).sum(axis=0) / np.maximum(o.samples, 1.0)))
+            for o, x in zip(records, residuals, strict=True)
+        ]
+
+    fit, out = list(problem.fit), list(problem.held_out)
+    own = left(fit, alone.residuals)
+    odd = [k for k, v in enumerate(left(out, held.residuals)) if v > sum(own)]
+    for k, best in zip(odd, np.argsort(own)[:-1], strict=False):
+        fit[best], out[k] = out[k], fit[best]
+    return replace(problem, fit=tuple(fit), held_out=tuple(out))
 
 
 def model_alone(

@@ -10,7 +10,7 @@ import numpy as np
 
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
-from unmodeled.data.smoothing import noise_of_record
+from unmodeled.data.smoothing import noise_of_samples
 from unmodeled.search.changes import CLASS, explain
 from unmodeled.search.evidence import (
     Fitted,
@@ -33,7 +33,7 @@ from unmodeled.search.linear import (
 )
 from unmodeled.search.locate import cells, events, most_different, places
 from unmodeled.search.options import Options
-from unmodeled.search.problem import STRICT, Cause, Problem, rms_of, spread
+from unmodeled.search.problem import RELEASED, STRICT, Cause, Problem, rms_of, spread
 from unmodeled.search.progress import Stop, interrupted
 from unmodeled.search.result import (
     Channel,
@@ -282,9 +282,8 @@ def _posterior(
         }
     best = next(iter(some.values()), None)
     for s in sets:  # what was exchanged for members of the best set
-        if best is not None and any(
-            {*s.causes} ^ {*best.causes} == pair for pair in searched.alike
-        ):
+        apart = {*s.causes} ^ {*best.causes} if best is not None else set()
+        if len(apart) == 2 and apart <= _linked(searched.alike, min(apart)):
             some[s.causes] = s
     alone = next(s for s in sets if not s.causes)
     some[()] = alone
@@ -463,14 +462,16 @@ def _with_equivalents(
         own = list(group)
         for i in group:
             ours = _where(sets, i)
-            for j in {k for pair in alike if i in pair for k in pair} - {*own}:
+            for j in _linked(alike, i) - {*own}:
                 theirs = [s for s in sets if {*s.causes} == ({*ours.causes} - {i}) | {j}]
                 if not theirs:
                     continue
                 equal = abs(_worse_by(problem, theirs[0], ours)) < EQUAL
                 if _tested(problem, j) or not equal:
                     continue
-                if log_odds(problem, theirs[0], ours) > math.log(UNLIKELY):
+                odds = log_odds(problem, theirs[0], ours)
+                odds += _of_sizes(problem, (ours, i), (theirs[0], j))
+                if odds > math.log(UNLIKELY):
                     own.append(j)
         plain = [i for i in own if not _has_shape(problem, i)]
         if plain and len(own) > len(group):
@@ -481,6 +482,29 @@ def _with_equivalents(
         else:
             names += own
     return names, out
+
+
+def _linked(alike: Sequence[frozenset[int]], cause: int) -> set[int]:
+    """Causes that stand for a cause, also by way of others."""
+    linked: set[int] = {cause}
+    while more := {k for pair in alike if pair & linked for k in pair} - linked:
+        linked |= more
+    return linked
+
+
+def _of_sizes(problem: Problem, one: tuple[Fitted, int], other: tuple[Fitted, int]) -> float:
+    """What the size of one member costs less than that of another one; 0 if it is usual.
+
+    Beyond five expected sizes the expectation was wrong, and tells no twin from another.
+    """
+    costs = []
+    for fitted, cause in (one, other):
+        x, k = fitted.point.x, index_of(problem, fitted.members, cause)
+        prior = prior_of(problem, fitted.members)
+        if not costs and prior.weight[k] * x[k] ** 2 < RELEASED**2:
+            return 0.0
+        costs.append(prior.penalty(x) - prior.penalty(np.where(np.arange(x.size) == k, 0.0, x)))
+    return 0.5 * (costs[1] - costs[0])
 
 
 def _has_shape(problem: Problem, cause: int) -> bool:
@@ -606,7 +630,11 @@ def _precision(problem: Problem, fitted: Fitted) -> tuple[NormalEquations, Array
 
 
 def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
-    """Magnitude in each record in its scale, and the probability of their differences."""
+    """Magnitude in each record in its scale, and the probability of their differences.
+
+    Differences that move no channel of a record by more than its noise are none, however many
+    samples show them.
+    """
     from scipy.special import chdtrc
 
     k = index_of(problem, fitted.members, cause)
@@ -615,6 +643,13 @@ def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, flo
     values, covariance = by_record(problem, fitted, k)
     inverse = np.linalg.inv(covariance)
     apart = values - (inverse @ values).sum() / inverse.sum()
+    counts = [np.maximum(o.samples, 1.0) for o in problem.fit]
+    moved = [
+        abs(d) * np.sqrt((x.by_global[..., k] ** 2).sum(axis=0) / n) / fitted.noise
+        for d, x, n in zip(apart, fitted.linears, counts, strict=True)
+    ]
+    if np.max(moved) < 1.0:
+        return values, 1.0
     return values, float(chdtrc(len(values) - 1, apart @ inverse @ apart))
 
 
@@ -779,10 +814,13 @@ def _white(problem: Problem, fitted: Fitted) -> Array:
     """Noise of each sensor from the residual of a set, in units of the noise so far [1], (m,).
 
     It is the part of the residual that neighboring samples do not share, so that a residual which
-    is white is noise. Zero: the records are too short.
+    is white is noise.
     """
     of_records = [
-        [noise_of_record(x.residual[o.valid[:, c], c]) for c in range(fitted.noise.size)]
+        [
+            noise_of_samples(o.record.time[o.valid[:, c]], x.residual[o.valid[:, c], c], 1)
+            for c in range(fitted.noise.size)
+        ]
         for x, o in zip(fitted.linears, problem.fit, strict=True)
     ]
     return np.asarray(np.sqrt(np.mean(np.square(of_records), axis=0)))
