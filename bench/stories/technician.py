@@ -141,11 +141,13 @@ def lead() -> Iterator[Answer]:
 
 
 def repetition() -> Iterator[Answer]:
-    """Uprights repeat 7 to 14 times a second, and not so fast when the key returns by a half."""
-    rows = answer("repeat", ACTION, "--speed", "0.5", "--return", "100%,50%")["rows"]
-    full, half = (next(r for r in rows if r["key_return"] == share) for share in (1.0, 0.5))
-    yield Answer("presses a second", full["rate"], 10.5, 3.5)
-    yield Answer("slower with half of the return", half["rate"] < full["rate"], True)
+    """Uprights repeat 7 to 14 times a second, and slower with a tight hammer center."""
+    base, tight = (
+        answer("repeat", ACTION, "--finger", "10", "--return", "100%", *more)["rows"][0]["rate"]
+        for more in ((), ("--set", "bodies.butt.friction.amplitude*=2"))
+    )
+    yield Answer("presses a second", base, 10.5, 3.5)
+    yield Answer("slower with a tight hammer center", tight < base, True)
 
 
 def measured(name: str, settings: Mapping[str, str]) -> Iterator[Answer]:

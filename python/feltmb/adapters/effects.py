@@ -56,6 +56,7 @@ def effect_of(
         remedy=entry.remedy,
         lower=entry.lower,
         upper=entry.upper,
+        relative=bool(entry.changes) and all(c.scale for c in entry.changes),
         step=entry.step,
         observe=observe,
         excite=excite,
@@ -77,7 +78,7 @@ def parameter_of(entry: Entry) -> Parameter:
 
 
 def user_unit_of(entry: Entry, config: MechanismFile) -> UserUnit | None:
-    """Turns of the screw that an entry moves, or grams of a mass; None: neither.
+    """Turns of the screw that an entry moves, grams of a mass, degrees of an angle; None: neither.
 
     Parameters
     ----------
@@ -96,7 +97,7 @@ def user_unit_of(entry: Entry, config: MechanismFile) -> UserUnit | None:
         along = dict(zip("xy", screw.direction or (), strict=False)).get(axis, 0.0)
         if screw.path == point and screw.pitch and not others and abs(along) > 0.99:
             return UserUnit("turn", change.add / (along * screw.pitch), screw.words)
-    return None
+    return UserUnit("deg", math.degrees(1.0)) if entry.unit == "rad" else None
 
 
 def columns_of(

@@ -64,8 +64,8 @@ def test_a_parameter_that_changed_is_the_answer(tmp_path):
     page = customer_page(folder, "steinway45")
     assert page.bodies == ("key",)
     plain = page.found.replace("\N{NO-BREAK SPACE}", " ")
-    assert plain == "The capstan is off (-0.66 mm, 0.943 turns down)."
-    assert page.work == ("Turn the capstan 0.943 turns up.",)
+    assert plain == "The capstan is off (-0.66 mm, 0.94 turns down)."
+    assert page.work == ("Turn the capstan 0.94 turns up.",)
     path = "surfaces.Kp2.point.y"
     height = [a.value(path).value for a in (page.after, page.before)]
     assert height[1] - height[0] == pytest.approx(-6.6e-4)

@@ -1,5 +1,6 @@
 """Effects that are more of a tolerance: found beyond it, told by their size alone."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 import feltmb
 from feltmb.adapters import load_library, mechanism_model, planned_strokes
 from feltmb.adapters.changes import Change, changed_config, same_values
+from feltmb.adapters.effects import user_unit_of
 from feltmb.mechanism.numbers import read_entry
 from unmodeled import Verdict, diagnose
 from unmodeled.data import Record, Sensor
@@ -194,3 +196,37 @@ def test_several_parameters_outside_their_tolerances_are_all_told():
     )
     report = diagnose(model, [], two, hold_out=["r2"])
     assert {n.cause: round(n.magnitude, 1) for n in report.named} == {"slope": 2.0, "bend": -1.0}
+
+
+def test_beyond_its_tolerance_a_share_is_told_in_percent():
+    model, records = line(2.0, 0.1)
+    share = Parameter(name="slope", value=1.0, sd=0.1, relative=True)
+    force = replace(steeper("slope"), unit="N", tolerance_ratio=0.5)
+    report = diagnose(model.with_parameters({"slope": share}), [force], records, hold_out=["r2"])
+    (change,) = report.changes
+    told = re.search(r" N \(.*; \+([0-9.]+) %\)", report.summary())
+    assert told is not None
+    assert float(told[1]) == pytest.approx(50.0 * change.size, rel=1e-3)
+
+
+def test_an_effect_may_be_a_share():
+    model, records = line(2.0, 0.0)
+    share = replace(steeper(""), label="the slope", relative=True)
+    report = diagnose(model, [share], records, hold_out=["r2"])
+    assert re.match(r"The slope differs from the model by \+[0-9.]+ % \(", report.summary())
+
+
+def test_sizes_have_the_units_of_a_workshop():
+    known = {e.name: e for e in (*LIBRARY.tolerances, *LIBRARY.effects)}
+
+    def unit(name):
+        found = user_unit_of(known[name], ACTION.config)
+        return found and (found.unit, pytest.approx(found.per_unit))
+
+    assert unit("let_off_button") == ("turn", 1.0 / 0.7e-3)
+    assert unit("mass.head") == ("kg", ACTION.config.bodies["head"].mass)
+    assert unit("backcheck_wire_angle") == ("deg", 180.0 / np.pi)
+    assert unit("key_dip") is None
+    _, effects = mechanism_model(ACTION, effects=["inertia.key", "let_off_button", "felt_*.03"])
+    shares = {e.name for e in effects if e.relative}
+    assert shares == {"inertia.key", "felt_stiffness.03", "felt_softening.03"}

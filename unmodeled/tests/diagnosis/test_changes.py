@@ -1,5 +1,6 @@
 """The fewest parameters that explain a fit, and what is left without a change."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,9 @@ import pytest
 
 from unmodeled import Effect, Parameter, Record, Sensor, Verdict, diagnose
 from unmodeled.fit import LinearModel
+from unmodeled.search import changes
 from unmodeled.search.changes import smallest
+from unmodeled.search.progress import Stop
 
 
 def posterior(columns, truth, noise=0.1, seed=0):
@@ -213,3 +216,33 @@ def test_what_acts_in_the_held_out_records_only_is_told():
     told = f"{100.0 * c.share(c.held_out_explained):.2g} % of y remains in the held-out records, "
     told += f"and {100.0 * c.share(c.fitted_explained):.2g} % in the fitted ones: something acts in"
     assert told in report.text(300)
+
+
+@pytest.mark.parametrize(("step", "listed"), [("without_listed", ["a", "b"]), ("alike", [])])
+def test_at_the_limit_of_time_all_parameters_are_told_or_none(monkeypatch, step, listed):
+    """A part of the parameters does not explain the fit."""
+    calls = []
+
+    def limited(self, *given, **options):
+        calls.append(1)
+        if len(calls) > 1:
+            raise Stop
+        return own(self, *given, **options)
+
+    own = getattr(changes._Fits, step)
+    monkeypatch.setattr(changes._Fits, step, limited)
+    model, records = machine(a=0.85, b=1.2)
+    report = diagnose(model, [], records, hold_out=["r3"])
+    assert sorted(c.name for c in report.changes) == listed
+    assert [math.isnan(c.takes) for c in report.changes] == [False, True][: len(listed)]
+
+
+def test_a_change_is_told_where_it_is_seen_best():
+    """In a channel of noise, the share that a change takes away is one of chance."""
+    model, records = machine(b=1.15)
+    report = diagnose(model, [], records, hold_out=["r3"])
+    (c,), (left,) = report.channels, report.without
+    noise = replace(c, name="noise", motion=1.0, noise=0.4, good_enough=0.01)
+    there = replace(left, before=(*left.before, 0.5), after=(*left.after, 0.4), held_out=None)
+    (change,) = replace(report, channels=(c, noise), without=(there,)).changes
+    assert change.channel == "y"

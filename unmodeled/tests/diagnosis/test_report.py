@@ -416,7 +416,7 @@ def test_a_size_has_the_unit_of_its_owner(report):
         200
     )
     odd = replace(screw, value=-2.31e-4, low=-2.33e-4, high=-2.29e-4)
-    assert "is 0.3300 turns lower than" in parameters_that_changed(report, (odd,)).summary()
+    assert "is 0.33 turns lower than" in parameters_that_changed(report, (odd,)).summary()
     ways = ("toward the lever", "away from it"), ("stronger", "weaker"), ("", "")
     told = [
         parameters_that_changed(

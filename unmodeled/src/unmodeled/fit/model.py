@@ -183,6 +183,8 @@ class Effect:
     upper: float = math.inf
     """Upper limit of the magnitude [unit]; ``lower`` and ``upper`` apply in addition to
     ``sign``."""
+    relative: bool = False
+    """Whether the magnitude is a share of a number of the model."""
     weight: float = 1.0
     """Prior weight relative to the other effects."""
     hidden: tuple[State, ...] = ()

@@ -227,13 +227,14 @@ def turned(
 ) -> tuple[str, str, str]:
     """Turns of a screw, the direction in which it is off, and the way back: half a turn, down, up.
 
-    The turns are a word where the interval leaves only one.
+    The turns are a word where the interval leaves only one. A hand turns no finer than hundredths.
     """
     turns, spread = abs(per_unit * size), 0.5 * abs(per_unit * (high - low))
     near = min(TURNS, key=lambda t: abs(t - turns))
     sure = abs(near - turns) <= spread < SURE
     away = per_unit * size < 0.0
-    return TURNS[near] if sure else f"{number(turns, spread)} turns", words[away], words[not away]
+    told = TURNS[near] if sure else f"{number(turns, max(spread, SURE))} turns"
+    return told, words[away], words[not away]
 
 
 def turns_of(c: Change) -> tuple[str, str, str]:

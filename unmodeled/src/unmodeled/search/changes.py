@@ -136,21 +136,23 @@ def explain(
     credibility
         Posterior probability that a parameter of the answer needs.
     check
-        Is called before each simulation of all fits that proceed together; may raise ``Stop``: the
-        changes without a fit are omitted.
+        Is called before each simulation of all fits that proceed together; may raise ``Stop``: what
+        is left without the later changes is not known then. A part of the parameters would explain
+        nothing: all are told, or none.
     """
     work = _Fits(problem, best, covariance, sets, predicted, credibility, check)
-    out, without = [], []
+    out: tuple[tuple[ParameterValue, ...], ...] = ()
+    without: list[Without] = []
     try:
+        out = tuple(work.alike(group, values) for group in work.groups)
         for causes in groups:
             without += work.without_causes(causes)
-        for parameters in work.groups:
-            out.append(work.alike(parameters, values))
-            less = work.fitted(work.kept - {parameters[0]})
-            without += work.without_listed([p.name for p in out[-1]], less)
+        for group, parameters in zip(work.groups, out, strict=True):
+            less = work.fitted(work.kept - {group[0]})
+            without += work.without_listed([p.name for p in parameters], less)
     except (Stop, KeyboardInterrupt):
         pass
-    return Explanation(tuple(out), tuple(without))
+    return Explanation(out, tuple(without))
 
 
 class _Fits:

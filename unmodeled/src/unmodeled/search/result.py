@@ -203,6 +203,8 @@ class NamedCause:
     """Kind of the effect; "parameter", or "sensor" also for an error of each record."""
     title: str = ""
     """What is added, or with its article what changes; "": the name."""
+    relative: bool = False
+    """Whether the magnitude is a share of a number of the model."""
     user_unit: UserUnit | None = None
 
 
@@ -452,7 +454,8 @@ class Result:
 
         def place(c: Change) -> tuple[bool, float]:
             expected = c.tier == "fitted" and c.within is True
-            return expected, -float(np.nan_to_num(c.takes, nan=math.inf))
+            unknown = 0.0 if c.tier == "fitted" else math.inf
+            return expected, -float(np.nan_to_num(c.takes, nan=unknown))
 
         return tuple(sorted(listed, key=place))
 
@@ -476,7 +479,8 @@ class Result:
             low=n.low - at,
             high=n.high - at,
             tabulated=at,
-            relative=n.unit == "1" and (n.kind in ("sensor", "input") if p is None else p.relative),
+            relative=n.unit == "1"
+            and (n.relative or n.kind in ("sensor", "input") if p is None else p.relative),
             user_unit=n.user_unit,
             tolerances=p.tolerances if p is not None and 0.0 < p.sd < math.inf else math.nan,
             probability=n.probability,
@@ -511,13 +515,13 @@ class Result:
         )
 
     def _taken(self, before: Sequence[float], after: Sequence[float]) -> tuple[int, float, float]:
-        """The channel in which a change matters most, what it takes away, over what matters."""
+        """The channel in which a change is seen best, what it takes away, over what matters."""
         taken = [math.sqrt(max(b * b - a * a, 0.0)) for b, a in zip(before, after, strict=True)]
         # Noise is in both residuals: what their difference is compared with has none.
         least = [max(c.good_enough, 1e-300) for c in self.channels]
-        ratios = [t / v for t, v in zip(taken, least, strict=True)]
-        k = max(range(len(taken)), key=lambda k: ratios[k])
-        return k, taken[k], ratios[k]
+        ratio = max(t / v for t, v in zip(taken, least, strict=True))
+        k = max(range(len(taken)), key=lambda k: taken[k] / self.channels[k].limit)
+        return k, taken[k], ratio
 
     @cached_property
     def worst(self) -> Channel:

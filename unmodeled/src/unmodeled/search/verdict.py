@@ -11,6 +11,7 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.data.smoothing import noise_of_samples
+from unmodeled.fit.model import Effect, Parameter, UserUnit
 from unmodeled.search.changes import CLASS, explain
 from unmodeled.search.evidence import (
     Fitted,
@@ -691,8 +692,19 @@ def _named(
         remedy="" if words is None else words.remedy,
         kind="parameter" if words is None else words.kind,
         title="" if words is None else words.label,
-        user_unit=None if effect is not None or unit != p.unit else p.user_unit,
+        relative=words is not None and words.relative,
+        user_unit=None if effect is not None else _user_unit(p, found.alias),
     )
+
+
+def _user_unit(p: Parameter, alias: Effect | None) -> UserUnit | None:
+    """The further unit of a parameter, per unit of the effect that is its other name."""
+    unit = p.user_unit
+    if alias is None:
+        return unit
+    if unit is None and p.relative and alias.unit != p.unit:
+        unit = UserUnit("%", 100.0)
+    return unit and replace(unit, per_unit=unit.per_unit * alias.tolerance_ratio)
 
 
 def _size(problem: Problem, fitted: Fitted, cause: int) -> tuple[float, float, float]:
