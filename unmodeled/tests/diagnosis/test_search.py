@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from unmodeled import Effect
 from unmodeled.search.evidence import best_of, log_odds
@@ -53,3 +54,21 @@ def test_a_fit_goes_on_where_the_noise_changes_little_unless_it_is_rough():
     (whole,), (rough,) = fit_sets(problem, [start]), fit_sets(problem, [start], rough=True)
     assert log_odds(problem, whole, rough) > 1.0
     assert np.abs(np.log(whole.noise / rough.noise)).max() < 0.2
+
+
+@pytest.mark.parametrize("seed", [2, 15, 35])
+def test_a_member_is_exchanged_for_the_one_that_acts(spring, seed, monkeypatch):
+    """The best single law is not among the two that act, and no pair is tried."""
+    monkeypatch.setattr("unmodeled.search.search.pairs", lambda *_: [])
+    mix = np.random.default_rng(seed).standard_normal((4, 4))
+
+    def force(x, row):
+        return sum(a * np.sin((3.0 + 2.0 * k) * x / 0.1 + k) for k, a in enumerate(row))
+
+    record = spring_record("fit", 2)
+    total = sum(force(record.inputs["x"], row) for row in mix[:2])
+    record = replace(record, outputs={"force": record.outputs["force"] + total})
+    effects = [law(str(i), lambda x, row=row: force(x, row)) for i, row in enumerate(mix)]
+    problem = prepare(ready_records(spring, [record]), effects, (), Options())
+    found = search(problem, Options(max_effects=2))
+    assert best_of(problem, list(found.sets.values())).causes == (0, 1)
