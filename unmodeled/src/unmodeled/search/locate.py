@@ -79,7 +79,7 @@ def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
     out = []
     for r, o in enumerate(problem.fit):
         time, known = o.record.time, _events_of(problem, o)
-        at = np.searchsorted(time, [t for _, t in known]).clip(0, time.size - 1)
+        at = np.searchsorted(time, [t for _, t in known]).clip(max=time.size - 1)
         for k, (name, moment) in enumerate(known):
             apart = np.abs(np.delete(at, k) - at[k]) // 2
             reach = int(min([time.size // 20, *apart[apart > 0]]))
