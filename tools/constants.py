@@ -155,7 +155,7 @@ def _imported(text: str, home: str) -> set[str]:
 
 
 class Answers:
-    """A plugin of pytest: the outcome of each test, and the answers of its diagnoses."""
+    """A plugin of pytest: the answers of the diagnoses of each test, and the tests that fail."""
 
     def __init__(self) -> None:
         self.now = ""
@@ -182,32 +182,78 @@ class Answers:
             self.failed.append(self.now)
 
 
-def answers(constant: Constant | None, factor: float, tests: Sequence[str]) -> dict[str, Any]:
-    """Tests with a multiple of a constant, in a process of its own: answers and failures."""
-    read, write = os.pipe()
-    if child := os.fork():
-        os.close(write)
-        with os.fdopen(read) as pipe:
-            text = pipe.read()
-        os.waitpid(child, 0)
-        return dict(json.loads(text or '{"told": {}, "failed": ["the process ended"]}'))
-    try:
-        import unmodeled.diagnosis as diagnosis
+class Proof:
+    """A plugin of pytest: runs the tests of each constant, in processes that it forks."""
 
-        resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 2))
-        if constant is not None:
-            scale(constant, factor)
-        found, judge = Answers(), diagnosis.judge
-        diagnosis.judge = lambda *a, **k: found.keep(judge(*a, **k))
-        os.chdir(ROOT)
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        for stream in (1, 2):
-            os.dup2(nothing, stream)
-        pytest.main(["-q", "-p", "no:cacheprovider", *tests], plugins=[found])
-        with os.fdopen(write, "w") as pipe:
-            json.dump({"told": found.told, "failed": found.failed}, pipe)
-    finally:
-        os._exit(0)
+    def __init__(self, chosen: dict[Constant, list[str]]) -> None:
+        self.chosen, self.items, self.not_proven = chosen, dict[str, pytest.Item](), 0
+
+    @pytest.hookimpl
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        """Half and double of each constant."""
+        self.items = {name_of(i): i for i in session.items}
+        base = self.answers(None, 1.0, [*self.items])
+        count = sum(map(len, base["told"].values()))
+        print(f"{len(self.items)} tests, {count} diagnoses; failing: {base['failed']}", flush=True)
+        for c, names in self.chosen.items():
+            tests = [t for t in names if base["told"].get(t)] or names
+            changed = [x for factor in (0.5, 2.0) for x in self.changes(c, factor, tests, base)]
+            decides = any("->" in line for line in changed)
+            mark = "DECIDES" if decides else "NUMBERS" if changed else "same" if tests else "UNREAD"
+            number = sum(len(base["told"].get(t, ())) for t in tests)
+            print(f"{mark:8}{c.file}: {c.name}: {number} diagnoses, {len(tests)} tests")
+            print("".join(f"    {line}\n" for line in changed), end="", flush=True)
+            self.not_proven += decides or not tests
+        return True
+
+    def answers(self, c: Constant | None, factor: float, tests: Sequence[str]) -> dict[str, Any]:
+        """Answers and failures with a multiple of a constant, of a process of its own."""
+        read, write = os.pipe()
+        if child := os.fork():
+            os.close(write)
+            with os.fdopen(read) as pipe:
+                text = pipe.read()
+            os.waitpid(child, 0)
+            return dict(json.loads(text or '{"told": {}, "failed": ["the process ended"]}'))
+        try:
+            import unmodeled.diagnosis as diagnosis
+
+            resource.setrlimit(resource.RLIMIT_CPU, (LONGEST, LONGEST + 2))
+            if c is not None:
+                scale(c, factor)
+            found, judge = Answers(), diagnosis.judge
+            diagnosis.judge = lambda *a, **k: found.keep(judge(*a, **k))
+            nothing = os.open(os.devnull, os.O_WRONLY)
+            for stream in (1, 2):
+                os.dup2(nothing, stream)
+            items = [self.items[t] for t in tests]
+            items[0].config.pluginmanager.register(found)
+            for item, after in zip(items, [*items[1:], None], strict=True):
+                item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
+            with os.fdopen(write, "w") as pipe:
+                json.dump({"told": found.told, "failed": found.failed}, pipe)
+        finally:
+            os._exit(0)
+
+    def changes(
+        self, c: Constant, factor: float, tests: Sequence[str], base: dict[str, Any]
+    ) -> Iterator[str]:
+        """Answers that are others with a multiple of a constant, and tests that fail."""
+        if not tests:
+            return
+        now = self.answers(c, factor, tests)
+        if any(now["told"].get(t) != base["told"].get(t) for t in tests):
+            # What a fixture diagnoses belongs to another test if fewer tests are run.
+            base = self.answers(None, 1.0, tests)
+        for t in tests:
+            before, after = (x["told"].get(t, []) for x in (base, now))
+            failed = t in now["failed"] and t not in base["failed"]
+            pairs = zip(before, after, strict=False) if failed else [(before, after)]
+            yield from (f"times {factor:g}: {t}: {a} -> {b}" for a, b in pairs if a != b)
+            if failed:
+                yield f"times {factor:g}: {t} fails"
+        if not {*now["failed"]} <= {*tests}:
+            yield f"times {factor:g}: {now['failed']}"
 
 
 def scale(constant: Constant, factor: float) -> None:
@@ -245,39 +291,11 @@ def prove(found: list[Constant], seconds: float) -> int:
             if total > seconds:
                 break
             chosen[c].append(test)
+    proof = Proof(chosen)
     every = sorted({t for tests in chosen.values() for t in tests})
-    base = answers(None, 1.0, every)
-    count = sum(map(len, base["told"].values()))
-    print(f"{len(every)} tests with {count} diagnoses; failing: {base['failed']}", flush=True)
-    not_proven = 0
-    for c, tests in chosen.items():
-        changed = [line for factor in (0.5, 2.0) for line in differences(c, factor, tests, base)]
-        decides = any("->" in line for line in changed)
-        mark = "DECIDES" if decides else "NUMBERS" if changed else "same   " if tests else "UNREAD "
-        number = sum(len(base["told"].get(t, ())) for t in tests)
-        print(f"{mark} {c.file}: {c.name}: {number} diagnoses, {len(tests)} tests", flush=True)
-        print("".join(f"    {line}\n" for line in changed), end="", flush=True)
-        not_proven += decides or not tests
-    return not_proven
-
-
-def differences(c: Constant, factor: float, tests: Sequence[str], base: Any) -> Iterator[str]:
-    """Answers that are others with a multiple of a constant, and tests that fail."""
-    if not tests:
-        return
-    now = answers(c, factor, tests)
-    if any(now["told"].get(t) != base["told"].get(t) for t in tests):
-        # What several tests use, the first one of the chosen computes.
-        base = answers(None, 1.0, tests)
-    for t in tests:
-        before, after = (x["told"].get(t, []) for x in (base, now))
-        failed = t in now["failed"] and t not in base["failed"]
-        pairs = zip(before, after, strict=False) if failed else [(before, after)]
-        yield from (f"times {factor:g}: {t}: {a} -> {b}" for a, b in pairs if a != b)
-        if failed:
-            yield f"times {factor:g}: {t} fails"
-    if now["failed"] and not {*now["failed"]} <= {*tests}:
-        yield f"times {factor:g}: {now['failed']}"
+    os.chdir(ROOT)
+    pytest.main(["-q", "-s", "-p", "no:cacheprovider", *every], plugins=[proof])
+    return proof.not_proven
 
 
 def main() -> int:

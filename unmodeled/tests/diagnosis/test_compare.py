@@ -48,13 +48,18 @@ def test_numbers_of_a_difference_are_those_by_hand():
         name="r", time=time, inputs={"x": u}, outputs={"y": 1.3 * u + 0.2 + noise},
         sensors={"y": Sensor(name="y", sigma=1e-3)},
     )  # fmt: skip
-    (row,) = unmodeled.check(models.line(0.1), record).rows
+    found = unmodeled.check(models.line(0.1), record)
+    (row,) = found.rows
     difference = 0.3 * u + 0.2 + noise
     assert row.rms == pytest.approx(np.sqrt(np.mean(difference**2)))
     assert row.motion == pytest.approx(np.std(record.outputs["y"]))
     assert row.share == pytest.approx(row.rms / row.motion)
     assert row.factor == pytest.approx(1.3, rel=1e-3)
     assert (row.noise, row.stated, row.samples) == (pytest.approx(1e-3), True, 400)
+    beside, apart = found.plot().axes
+    np.testing.assert_allclose(beside.lines[0].get_ydata(), record.outputs["y"])
+    np.testing.assert_allclose(beside.lines[1].get_ydata(), u)
+    np.testing.assert_allclose(apart.lines[0].get_ydata(), difference)
 
 
 def swinging(start_sd, *, rate=lambda q, v: -9.0 * q):

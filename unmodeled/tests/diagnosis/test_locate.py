@@ -41,14 +41,17 @@ def test_cells_show_the_part_of_the_record_that_differs(spring, causes):
 
 
 class Struck(LinearModel):
-    """A model with an event at 1 s."""
+    """A model with events, the first one at 1 s."""
+
+    times = (1.0,)
 
     def events(self, record, outputs):  # noqa: ARG002
-        return [("impact", 1.0)]
+        return [("impact", t) for t in self.times]
 
 
-def test_events_show_the_delay_of_the_record():
-    late, t = 0.004, np.linspace(0.0, 2.0, 2001)
+def struck(late, *times):
+    """Diagnosis of three records that are late."""
+    t = np.linspace(0.0, 2.0, 2001)
     step = lambda at: 1.0 / (1.0 + np.exp(-(t - at) / 0.01))  # noqa: E731
     records = [
         Record(
@@ -66,7 +69,19 @@ def test_events_show_the_delay_of_the_record():
         columns={"k": lambda r: r.inputs["x"]},
         parameters=[Parameter(name="k", value=1.0, sd=0.01, unit="N")],
     )
-    result = diagnose(model, (), records)
+    model.times = times
+    return diagnose(model, (), records)
+
+
+@pytest.mark.parametrize(("apart", "count"), [(0.0, 2), (3e-3, 0), (2e-2, 2)])
+def test_events_that_are_too_near_each_other_have_no_delay(apart, count):
+    """Unless they are one."""
+    assert len(struck(0.004, 1.0, 1.0 + apart).events) == 3 * count
+
+
+def test_events_show_the_delay_of_the_record():
+    late = 0.004
+    result = struck(late, 1.0)
     assert {(e.event, e.time) for e in result.events} == {("impact", 1.0)}
     for e in result.events:
         assert e.delay == pytest.approx(late, rel=0.05)

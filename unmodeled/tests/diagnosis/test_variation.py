@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unmodeled import Parameter
+from unmodeled import Parameter, diagnose
 from unmodeled.search.options import Options
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.variation import MODES, _changes, _with, varies, with_variation
@@ -69,3 +69,17 @@ def test_a_first_part_of_a_record_has_its_share_of_the_samples(spring):
     assert len(part.measured) == len(part.valid) == len(part.sd) == part.record.samples
     assert observed.first(1e-3).record.samples == 10
     assert observed.first(1.0) is observed
+
+
+@pytest.mark.parametrize(("hardening", "named"), [(0.0, []), (3000.0, ["hardening"])])
+def test_the_noise_of_an_input_is_no_cause_and_hides_none(spring, causes, hardening, named):
+    """A displacement that is known to 2 mm moves the force by four times its noise."""
+    records = []
+    for k in (2, 3, 5):
+        record = spring_record(str(k), k, hardening=hardening)
+        x = record.inputs["x"] + 2e-3 * np.random.default_rng(k).standard_normal(record.samples)
+        records.append(replace(record, inputs={"x": x}, input_sigma={"x": 2e-3}))
+    result = diagnose(spring, causes, records)
+    assert [n.cause for n in result.named] == named
+    assert result.classes == ()
+    assert result.complete

@@ -149,12 +149,12 @@ def test_a_cause_is_needed_if_the_set_without_it_was_fitted(monkeypatch):
     problem = Given(causes=causes)
     both, one, other, none = sets((0, 1), (0,), (1,), ())
 
-    def needless(some, told, ratio=(-1.0, -1.2, -0.8), worse=False):
+    def needless(some, told, ratio=(-1.0, -1.2, -0.8), worse=False, lost=()):
         monkeypatch.setattr(verdict, "compare", lambda *_: ratio)
         monkeypatch.setattr(verdict, "_worse_than_constant", lambda *_: worse)
         for s in some:
             s.noise, s.effective = np.ones(1), 1.0
-        known = {s.causes: s for s in some}
+        known = {s.causes: s for s in some if s.causes not in lost}
         return verdict._not_needed(problem, problem, some, told, known)
 
     assert needless([both, one, other, none], [0, 1]) == []
@@ -165,6 +165,9 @@ def test_a_cause_is_needed_if_the_set_without_it_was_fitted(monkeypatch):
     assert needless([both, one, other, none], [0, 1], (0.2, 0.1, 0.3)) == [0, 1]
     assert needless([both, one, other, none], [0, 1], (0.2, -0.1, 0.5)) == []
     assert needless([both, one, other, none], [0, 1], worse=True) == [0, 1]
+    # Records that one of the sets cannot follow tell nothing.
+    for causes in ((0, 1), ()):
+        assert needless([both, one, other, none], [0, 1], worse=True, lost=[causes]) == []
 
 
 def test_what_explains_the_records_as_well_is_in_the_class(monkeypatch):

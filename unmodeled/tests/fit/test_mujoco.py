@@ -136,7 +136,7 @@ def test_an_input_that_is_no_actuator_is_told(tmp_path):
     ):
         unmodeled.mujoco(path, inputs=["trn"])
     with pytest.raises(
-        InvalidParameter, match="input load of record run is no actuator; there are"
+        InvalidParameter, match="input load of record run is no actuator; there are turn, j1, slow"
     ):
         unmodeled.mujoco(path).matched([made(inputs=["turn", "load"])])
     with pytest.raises(InvalidParameter, match="has no keyframe hom; near are home"):

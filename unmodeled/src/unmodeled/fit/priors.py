@@ -268,7 +268,6 @@ class _Reader:
             component=name,
             unit=got,
             scale=factor * size or 1.0,
-            sign=1 if low == 0.0 else -1 if high == 0.0 else 0,
             lower=low,
             upper=high,
             data=name,

@@ -212,8 +212,9 @@ def comparison(title: str, channels: Sequence[tuple[str, str, Record, Array, flo
         Name, unit, record, values of the model, and noise [its unit] of each channel.
     """
     shown = channels[:CHANNELS]
-    figure = new_figure(WIDTH, 1.7 * max(len(shown), 1) + 0.6)
-    panels = figure.subplots(max(len(shown), 1), 2, squeeze=False, width_ratios=(3, 2))
+    rows = max(len(shown), 1)
+    figure = new_figure(WIDTH, 1.7 * rows + 0.6)
+    panels = figure.subplots(rows, 2, squeeze=False, width_ratios=(3, 2))
     for (left, right), (name, unit, record, model, noise) in zip(panels, shown, strict=False):
         measured = record.outputs[name]
         factor, own = readable_unit(float(np.nanmax(np.abs(measured))), unit)

@@ -35,7 +35,7 @@ from unmodeled.search.score import directions
 PARTS, SHORTEST = 6, 8
 #: Knots of a force over a record, and the length of its correlation [spacings of the knots].
 KNOTS, LENGTH = 40, 1.5
-#: Expected sizes of a force that are tried, as multiples of the scale of its port.
+#: Expected sizes of what acts at a place that are tried, in its scale.
 SIZES = (0.01, 0.1, 1.0, 10.0)
 #: Number of places that are kept, and smallest share of a force that a law which it resembles has.
 PLACES, ALIKE = 4, 0.3
@@ -79,7 +79,7 @@ def events(problem: Problem, alone: Fitted, best: Fitted) -> tuple[Event, ...]:
     out = []
     for r, o in enumerate(problem.fit):
         time, known = o.record.time, _events_of(problem, o)
-        at = np.searchsorted(time, [t for _, t in known]).clip(0, time.size - 1)
+        at = np.searchsorted(time, [t for _, t in known]).clip(max=time.size - 1)
         for k, (name, moment) in enumerate(known):
             apart = np.abs(np.delete(at, k) - at[k]) // 2
             reach = int(min([time.size // 20, *apart[apart > 0]]))
@@ -226,7 +226,7 @@ def _tested(
     )
     best, coefficients = Place(name, port is not None, (), 0.0), []
     every = np.ones(len(problem.channels))
-    for size in (1.0,) if port is None else SIZES:
+    for size in SIZES:
         wider = replace(
             problem,
             fit=tuple(
