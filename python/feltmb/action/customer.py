@@ -314,12 +314,15 @@ class _Cause:
 
     entry: Entry | None
     component: str
+    thing: str
     mechanism: str
     remedy: str
     unit: str
     size_si: float
     turns: tuple[str, str, str] | None
     """Turns of a screw as words, their direction, and the way back."""
+    further: str
+    """Size in another unit of its owner, such as grams; "": there is none."""
     shape: float | None
     parameter: bool
 
@@ -339,19 +342,20 @@ class _Cause:
         if self.turns is not None:
             back = turn_back(f"the {self.component}", self.turns)
             return f"{back[:1].upper()}{back[1:]}."
-        return self.remedy or f"Check the {self.component}."
+        return self.remedy or f"Check {self.thing}."
 
     @cached_property
     def size(self) -> str:
         """Size for people: mm and turns, g, or a share of the number that it changes."""
-        if self.unit == "1":
-            return f"{100.0 * self.size_si:+.3g}\N{NO-BREAK SPACE}%"
         factor, unit = readable_unit(self.size_si, self.unit)
         if self.unit == "m":
             factor, unit = 1e3, "mm"
         text = f"{factor * self.size_si:.3g} {unit}"
+        if self.unit == "1":
+            text = f"{100.0 * self.size_si:+.3g} %"
         if self.turns is not None:
             text += f", {self.turns[0]} {self.turns[1]}"
+        text += f", {self.further}" * bool(self.further)
         return text.replace(" ", "\N{NO-BREAK SPACE}")
 
 
@@ -364,19 +368,27 @@ def _causes(data: Mapping[str, Any], library: Mapping[str, Entry]) -> list[list[
 
 
 def _cause(row: Mapping[str, Any], library: Mapping[str, Entry]) -> _Cause:
-    entry, turns, shape = library.get(row["name"]), None, row.get("shape")
+    entry, turns, shape, further = library.get(row["name"]), None, row.get("shape"), ""
     off = f"{row['title']} is off" if row["tier"] == "fitted" else ""
     if (unit := row.get("user_unit")) is not None and unit["unit"] == "turn":
         size, low, high = (float(row.get(end, row["size"])) for end in ("size", "low", "high"))
         turns = turned(size, low, high, unit["per_unit"], unit["words"])
+    elif unit is not None:
+        other = float(unit["per_unit"]) * float(row["size"])
+        factor, name = readable_unit(other, unit["unit"])
+        further = f"{factor * other:+.3g} {name}"
+    component = str(row["component"] or (entry.component if entry else row["name"]))
+    thing = str(row["title"]) if row["tier"] == "fitted" else f"the {component}"
     return _Cause(
         entry,
-        str(row["component"] or (entry.component if entry else row["name"])),
+        component,
+        f"{thing[:1].lower()}{thing[1:]}",
         str(off or row["mechanism"] or (entry.mechanism if entry else "")),
         str(row["remedy"] or (entry.remedy if entry else "")),
         str(row["unit"]),
         float(row["size"]),
         turns,
+        further,
         float(shape) if isinstance(shape, (int, float)) else None,
         row["tier"] == "fitted",
     )
