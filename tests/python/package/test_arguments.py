@@ -1021,6 +1021,8 @@ CALLS = {
     "unmodeled.fit.LinearModel": lambda: dict(LINEAR),
     "unmodeled.fit.authoring.Named": lambda: {"values": {"a": 1.0}},
     "unmodeled.fit.Equations": lambda: dict(ODE),
+    "unmodeled.fit.Equations.force_in": None,  # inside the choice of the candidates
+    "unmodeled.fit.Equations.is_parameter": None,  # inside the choice of the candidates
     "unmodeled.fit.Parameter": lambda: {
         "name": "p",
         "value": 1.0,

@@ -20,7 +20,7 @@ from unmodeled.units import same_unit
 
 Values = Mapping[str, Array]
 #: Step of central differences as a share of a value, with which rounding and curvature count alike.
-STEP = np.cbrt(np.finfo(np.float64).eps)
+STEP = float(np.cbrt(np.finfo(np.float64).eps))
 
 
 @dataclass(frozen=True)

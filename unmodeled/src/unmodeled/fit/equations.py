@@ -370,6 +370,15 @@ class Equations(Model):
 
         It is what is missing in the acceleration of the first coordinate where the second one is
         moved to it.
+
+        Parameters
+        ----------
+        coupling
+            Coupling of two coordinates of the model.
+        record
+            Record whose inputs act.
+        x
+            States along the record by name, each (n,).
         """
         first, second = coupling.parts
         (q, v), states = first.motion(x), dict(values_of(x))
@@ -390,6 +399,15 @@ class Equations(Model):
         """Whether an effect acts along a path as a change of a parameter with a tolerance does.
 
         The rates change in proportion: a linear spring beside one whose stiffness is a parameter.
+
+        Parameters
+        ----------
+        effect
+            Effect with a rate.
+        record
+            Record whose inputs act.
+        x
+            States along the record by name, each (n,).
         """
         if effect.rate is None or effect.hidden or effect.shapes != (None,):
             return False
