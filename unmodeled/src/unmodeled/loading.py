@@ -232,7 +232,7 @@ def load_model(
     settings: Mapping[str, str] | None = None,
     channels: Sequence[str] = (),
     *,
-    parameters: Mapping[str, tuple[float | None, float, str]] | None = None,
+    parameters: Mapping[str, Any] | None = None,
     unknown: Mapping[str, Any] | None = None,
     notify: Callable[[str], None] | None = None,
 ) -> LoadedModel:

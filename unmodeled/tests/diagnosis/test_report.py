@@ -567,6 +567,30 @@ def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
     )
 
 
+@pytest.mark.parametrize(
+    ("title", "shape", "names", "high", "said"),
+    [
+        ("dead zone of input valve", 0.045, ("level [V]",), 1.0, "a dead zone of ±0.045 V,"),
+        ("dead zone of input valve", 0.2, ("level",), 0.6,
+         "a dead zone of ±0.2, which takes away 50.0 % (40.0 to 60.0) of what is within it,"),
+        ("saturation of sensor y", ("highest", 3.0), ("end", "reading [V]"), 1.0,
+         "a saturation above 3 V,"),
+    ],
+)  # fmt: skip
+def test_what_loses_a_part_of_a_signal_is_told_by_its_level(
+    report, title, shape, names, high, said
+):
+    lost = replace(
+        report.named[0], cause=title, component=title.partition(" of ")[2], title="", unit="1",
+        magnitude=1.0 if high == 1.0 else 0.5, low=0.4, high=high, by_record=(), shape=shape,
+        shape_names=names, kind="sensor",
+    )  # fmt: skip
+    sets = (SetOfCauses((title,), 0.98, (0.011, 0.05), (1.0,)), *report.sets[-1:])
+    without = (Without(title, (0.04, 0.06), (0.011, 0.05)),)
+    found = replace(report, named=(lost,), classes=(), sets=sets, without=without, changed=())
+    assert f"the {lost.component} has {said}" in found.summary().replace("The ", "the ", 1)
+
+
 def test_records_of_noise_show_nothing(report):
     bare = bare_report(report, Verdict.NO_GAP, sets=())
     rest = tuple(replace(c, noise=1.0, motion=1.1) for c in bare.channels)

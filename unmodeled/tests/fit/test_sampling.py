@@ -284,3 +284,28 @@ def test_uneven_steps_that_an_fmu_refuses_are_told(tmp_path):
 def test_times_that_fmpy_cannot_tell_apart_are_told(make):
     with pytest.warns(RuntimeWarning, match="let its clock start near zero"):
         assert np.all(np.isnan(readings(make("model exchange"), record(1e8 + clock(True)))))
+
+
+def test_an_input_that_repeats_its_values_may_be_constant_between_samples():
+    """Linear steps would be half a sample early, and look like a delay of the sensor."""
+    time, rng = np.arange(0.0, 60.0, 1.0), np.random.default_rng(2)
+    records = []
+    for k in range(2):
+        u, x, path = np.repeat(rng.uniform(-1.0, 1.0, 12), 5), 0.0, []
+        for v in u:
+            path.append(x)
+            x += (1.0 - np.exp(-1.0 / 3.0)) * (v - x)
+        y = np.array(path) + 1e-3 * rng.standard_normal(time.size)
+        sensors = {"x": Sensor(name="x", sigma=1e-3)}
+        records.append(
+            Record(name=f"r{k}", time=time, inputs={"u": u}, outputs={"x": y}, sensors=sensors)
+        )
+    model = Equations(
+        lambda t, x, u, p: ((u.u - x.x) / p.tau,),
+        states={"x": (0.0, 0.01, "1")},
+        parameters={"tau": (3.0, 0.01, "s")},
+        inputs=["u"],
+    )
+    report = model.diagnose(records)
+    assert (report.named, report.classes) == ((), ())
+    assert report.channels[0].explained == pytest.approx(1e-3, rel=0.1)

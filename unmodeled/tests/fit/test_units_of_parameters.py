@@ -226,3 +226,123 @@ def test_an_output_that_is_a_function_has_a_unit(tmp_path):
     (record,) = unmodeled.read(str(tmp_path / "a.csv"))
     comparison = unmodeled.check(model, [record])
     assert comparison.rows[0].rms < 1e-3
+
+
+def filled(gravity=None):
+    """A tank whose level is in cm: its outflow by the law of Torricelli, with a stated number."""
+
+    def rates(t, x, u, p):
+        g = gravity or p.g
+        return ((u.pump - p.a * np.sqrt(2.0 * g * np.maximum(x.h, 0.0))) / p.A,)
+
+    parameters = {"a": (0.3, 0.03, "cm^2"), "A": (150.0, 3.0, "cm^2")}
+    parameters |= {} if gravity else {"g": (9.81, 0.0, "m/s^2")}
+    model = unmodeled.Equations(
+        rates,
+        states={"h": (10.0, 0.5, "cm")},
+        parameters=parameters,
+        inputs={"pump": "cm^3/s"},
+        outputs={"h": "h", "left": (lambda t, x, u, p: p.A * x.h, "l")},
+        hold="zero",
+        name="tank",
+    )
+    time = np.arange(0.0, 100.0, 2.0)
+    pump = np.where(time < 50.0, 60.0, 20.0)
+    shown = {"h": np.full(time.size, 10.0) + 0.01 * (time % 7.0)}
+    sensors = {"h": Sensor(name="h", sigma=0.05, unit="cm")}
+    record = Record(name="r", time=time, inputs={"pump": pump}, outputs=shown, sensors=sensors,
+                    input_units={"pump": "cm^3/s"})  # fmt: skip
+    return model, record
+
+
+def test_equations_without_a_number_of_a_unit_get_si_for_states_inputs_and_parameters():
+    model, record = filled()
+    ready = model.ready([record])
+    y = ready.model.simulate(record, prior_jobs(ready.model, record))[0]
+    level = 10.0
+    for k in range(10):  # explicit steps of 0.02 s in cm
+        assert y[k, 0] == pytest.approx(level, rel=2e-3)
+        for _ in range(100):
+            level += 0.02 * (60.0 - 0.3 * np.sqrt(2.0 * 981.0 * level)) / 150.0
+    assert y[0, 1] == pytest.approx(1.5)  # 150 cm^2 times 10 cm is 1.5 l
+    assert model.states()[0].unit == "cm"
+    (note,) = [n for n in ready.notes if n.startswith("units: the equations get")]
+    assert "h, pump in SI units" in note
+
+
+def test_equations_with_a_number_of_a_unit_get_what_is_stated():
+    model, record = filled(gravity=981.0)
+    assert [(p.value, p.unit) for p in model.parameters] == [(0.3, "cm^2"), (150.0, "cm^2")]
+    ready = model.ready([record])
+    y = ready.model.simulate(record, prior_jobs(ready.model, record))[0]
+    other, _ = filled()
+    si = other.ready([record]).model
+    assert np.allclose(y[:, 0], si.simulate(record, prior_jobs(si, record))[0, :, 0])
+    assert any("hold a number with a unit" in n for n in ready.notes)
+
+
+def test_angles_and_ratios_stay_as_they_are_stated():
+    got = []
+
+    def rates(t, x, u, p):
+        got.append((x.q, u.valve))
+        return x.w, (p.k * u.valve - p.d * x.w) / p.J
+
+    model = unmodeled.Equations(
+        rates,
+        states={"q": (90.0, 0.0, "deg"), "w": (0.0, 0.0, "deg/s")},
+        parameters={"J": (2.0, 0.1, "kg m^2"), "k": (1.0, 0.1, "N m"), "d": (1.0, 0.1, "N m s")},
+        inputs={"valve": "%"},
+    )
+    assert model._converted == ()
+    assert model.coordinates[0].inertia == "J"
+
+
+def test_a_force_on_a_coordinate_in_mm_is_an_acceleration():
+    """With an inertia in kg, it would be in mN."""
+    model = unmodeled.Equations(
+        lambda t, x, u, p: (x.v, -p.k * x.x / p.m),
+        states={"x": "mm", "v": "mm/s"},
+        parameters={"m": (2.0, 0.1, "kg"), "k": (90.0, 3.0, "N/m")},
+    )
+    (coordinate,) = model.coordinates
+    assert (coordinate.inertia, coordinate.unit) == (None, "mm/s^2")
+
+
+def test_records_that_contradict_the_conversion_of_a_parameter_are_refused():
+    """A battery: its capacity is stated in A h, and the equations multiply it by 3600."""
+    time = np.arange(0.0, 2000.0, 10.0)
+    current = np.where((time // 200.0) % 2 < 1, 5.0, -1.0)
+    charge = np.r_[0.0, np.cumsum(current[:-1]) * 10.0]
+    rng = np.random.default_rng(0)
+    noise = 2e-3 * rng.standard_normal(time.size)
+    voltage = 3.3 + 0.8 * (0.9 - charge / 3600.0 / 2.4) - 0.04 * current + noise
+    record = Record(name="r", time=time, inputs={"current": current},
+                    outputs={"U": voltage}, sensors={"U": Sensor(name="U", unit="V")})  # fmt: skip
+
+    def battery(units=None):
+        def rates(t, x, u, p):
+            return (-u.current / (3600.0 * p.Q),)
+
+        if units:
+            rates.units = units
+        return unmodeled.Equations(
+            rates,
+            states={"soc": (0.9, 0.01, "1")},
+            parameters={"Q": (2.5, 0.1, "A h"), "R": (0.04, 0.004, "ohm")},
+            inputs={"current": "A"},
+            outputs={"U": (lambda t, x, u, p: 3.3 + 0.8 * x.soc - p.R * u.current, "V")},
+        )
+
+    with pytest.raises(DataError, match=r"follows the records with Q = 2.5 \(A h, not 9000 s A\)"):
+        battery().diagnose([record])
+    report = battery({"Q": "A h"}).fit([record])
+    assert report.model.parameters["Q"] == pytest.approx(2.4, rel=0.02)
+
+
+def test_a_value_alone_is_a_parameter_without_a_prior_on_the_command_line(tmp_path):
+    path = tmp_path / "model.py"
+    path.write_text("def load(time, inputs, p):\n    return {'y': inputs['u'] * p['m']}\n")
+    loaded = load_model(f"{path}:load", parameters=StatedOptions(("m=4kg",), ()).parameters)
+    (p,) = loaded.model.parameters
+    assert (p.value, p.sd, p.unit) == (4.0, np.inf, "kg")

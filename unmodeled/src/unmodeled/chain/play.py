@@ -18,7 +18,7 @@ class Backlash(Fault):
 
     name, unit, stated, drive = "backlash", "", False, True
     input = (
-        "What arrives follows the input with a play, as a valve that sticks or a worn linkage does.",
+        "What arrives follows the input with a play, as a sticking valve or a worn linkage does.",
         "Remove the play, or model it.",
     )
 

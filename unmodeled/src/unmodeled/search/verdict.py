@@ -498,7 +498,7 @@ def _of_sizes(problem: Problem, one: tuple[Fitted, int], other: tuple[Fitted, in
 
     Beyond five expected sizes the expectation was wrong, and tells no twin from another.
     """
-    costs = []
+    costs: list[float] = []
     for fitted, cause in (one, other):
         x, k = fitted.point.x, index_of(problem, fitted.members, cause)
         prior = prior_of(problem, fitted.members)
