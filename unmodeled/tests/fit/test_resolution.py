@@ -12,6 +12,7 @@ from unmodeled import (
     Coordinate,
     Coupling,
     Equations,
+    Options,
     Parameter,
     Record,
     Sensor,
@@ -185,7 +186,7 @@ def test_a_clearance_between_two_masses_is_named() -> None:
         library.dry_friction(wheel, scale=0.05, speed=3.0),
         library.viscous_friction(shaft, scale=0.01),
     ]
-    report = diagnose(model, effects, records)
+    report = diagnose(model, effects, records, options=Options(good_enough={"rad": 1e-3}))
     (found,) = report.named
     assert found.cause == "dead zone shaft"
     assert abs(found.magnitude - 40.0) < 2.0
