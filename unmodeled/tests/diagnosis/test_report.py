@@ -217,6 +217,8 @@ def test_the_list_is_sorted_and_has_what_matters_only(report):
     )
     assert second.takes == mass.takes == pytest.approx(np.sqrt(0.02**2 - 0.011**2) / 0.5)
     unsure = replace(report, named=(), supported=report.named, verdict=Verdict.SUPPORTED)
+    assert [c.tier for c in unsure.changes] == ["one of", "supported"]
+    unsure = replace(unsure, classes=())
     assert unsure.changes[0].tier == "supported"
     assert "whether it is the cause is not sure" in unsure.text(200)
     assert "Whether dry friction is the cause is not sure" in unsure.summary()

@@ -426,8 +426,8 @@ class Result:
         """The answer: what changes, by how much, and what it takes away.
 
         What the model does not allow comes first: effects, errors of the records, and parameters
-        outside their tolerances. Parameters within their tolerances follow. Among both, the change
-        that takes away most is the first.
+        outside their tolerances; then those that are not sure; then parameters within their
+        tolerances. Among each, the change that takes away most is the first.
 
         A change is listed if it takes away more than what does not matter, a supported one always,
         and a fitted parameter only if its interval excludes zero. If the verdict is UNKNOWN,
@@ -452,10 +452,11 @@ class Result:
             or (c.matters and (c.tier != "fitted" or not c.low <= 0.0 <= c.high))
         ]
 
-        def place(c: Change) -> tuple[bool, float]:
+        def place(c: Change) -> tuple[int, float]:
             expected = c.tier == "fitted" and c.within is True
             unknown = 0.0 if c.tier == "fitted" else math.inf
-            return expected, -float(np.nan_to_num(c.takes, nan=unknown))
+            rank = 2 if expected else int(c.tier == "supported")
+            return rank, -float(np.nan_to_num(c.takes, nan=unknown))
 
         return tuple(sorted(listed, key=place))
 
