@@ -263,6 +263,8 @@ def scale(constant: Constant, factor: float) -> None:
     def times(value: Any) -> Any:
         if isinstance(value, tuple | list):
             return type(value)(times(v) for v in value)
+        if isinstance(value, dict):
+            return {k: times(v) for k, v in value.items()}
         return max(round(value * factor), 1) if isinstance(value, int) else value * factor
 
     new = times(getattr(importlib.import_module(home), constant.name))

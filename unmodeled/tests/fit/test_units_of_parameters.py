@@ -226,3 +226,8 @@ def test_an_output_that_is_a_function_has_a_unit(tmp_path):
     (record,) = unmodeled.read(str(tmp_path / "a.csv"))
     comparison = unmodeled.check(model, [record])
     assert comparison.rows[0].rms < 1e-3
+
+
+def test_a_parameter_without_a_label_has_its_name():
+    assert Parameter(name="k", value=1.0).title == "k"
+    assert Parameter(name="k", value=1.0, label="stiffness of the spring").title[:9] == "stiffness"
