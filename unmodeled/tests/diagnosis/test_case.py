@@ -14,8 +14,8 @@ from unmodeled import Options, Record, Sensor, Simulator, StartPrior
 from unmodeled.cli import main
 from unmodeled.data import read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.fit.model import Parameter, UserUnit, prior_jobs
-from unmodeled.report.case import as_made, as_stored
+from unmodeled.fit.model import Origin, Parameter, UserUnit, prior_jobs
+from unmodeled.report.case import _has_effects, as_made, as_stored
 
 LINE = """
 def line(time, inputs, parameters):
@@ -262,3 +262,19 @@ def test_what_is_stored_comes_back_and_a_function_is_refused():
     assert np.isnan(as_made(as_stored(np.nan)))
     with pytest.raises(TypeError, match="function cannot be stored"):
         as_stored(run)
+
+
+@pytest.mark.parametrize(
+    ("made_by", "text", "known"),
+    [
+        ("load_model", "model = 1\ndef effects(records):\n    return []\n", True),
+        ("load_model", "model = 1\neffects = ()\n", True),
+        ("load_model", "model = 1\nside_effects = ()\n", False),
+        ("simulator", "effects = ()\n", False),
+    ],
+)
+def test_a_file_of_a_model_may_define_its_effects(tmp_path, made_by, text, known):
+    path = tmp_path / "rig.py"
+    path.write_text(text)
+    assert _has_effects(Origin(made_by, f"{path}:model")) is known
+    assert not _has_effects(None)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unmodeled import Effect, LinearModel, Parameter
+from unmodeled import Effect, LinearModel, Parameter, Sensor
 from unmodeled.search.fit import Start, empty_point, fit_sets
 from unmodeled.search.linear import EvaluationRequest, evaluate
 from unmodeled.search.options import Options
@@ -177,3 +177,25 @@ def test_a_model_that_is_far_off_is_also_left_from_the_tabulated_parameters():
     assert abs(points[1].x[1]) == 1.0
     poor.__dict__["effective"] = 0.9
     assert len(start_from(problem, (Member(at["cubic"]),), poor, (score,)).points) == 1
+
+
+def test_the_score_of_an_error_of_each_record_has_the_prior_of_its_size():
+    """Offsets of two records by least squares with a standard normal prior, all else fixed."""
+    records = [
+        replace(
+            spring_record(n, 2, preload=p),
+            sensors={"force": Sensor(name="force", unit="N", sigma=2.0)},
+        )
+        for n, p in (("a", 1.0), ("b", -1.0))
+    ]
+    problem, found, at = fitted((), records=records)
+    (cause,) = [i for n, i in at.items() if n.startswith("offset")]
+    scale, gain = problem.causes[cause].local.scale, 0.0
+    for o, linear in zip(problem.fit, found.linears, strict=True):
+        residual = linear.residual[:, 0] / found.noise[0]
+        column = np.full(residual.size, scale / o.sd[0, 0] / found.noise[0])
+        gain += 0.5 * (column @ residual) ** 2 / (column @ column + 1.0)
+        assert column @ column < 30.0  # the prior matters
+    seen = directions(problem, found)
+    (score,) = [s for s in scores(problem, found, seen) if s.cause == cause]
+    assert score.gain == pytest.approx(gain, rel=1e-6)

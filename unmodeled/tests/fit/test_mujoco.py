@@ -128,6 +128,21 @@ def test_a_column_with_the_name_of_an_actuator_is_an_input(tmp_path):
     assert set(ready.records[0].inputs) == {"turn", "j1"}
 
 
+def test_a_rail_and_a_hinge_have_a_position_and_a_ball_joint_has_none(tmp_path):
+    path = tmp_path / "cart.xml"
+    bodies = "".join(
+        f'<body><joint name="{kind}" type="{kind}"/><geom size="0.1" mass="1"/></body>'
+        for kind in ("slide", "hinge", "ball")
+    )
+    path.write_text(f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    for kind in ("slide", "hinge"):
+        for of in ("", ".position", ".velocity"):
+            record = made(inputs=(), outputs=(f"{kind}{of}",))
+            assert set(unmodeled.mujoco(path).matched([record]).model.outputs) == {f"{kind}{of}"}
+    with pytest.raises(InvalidParameter, match="ball"):
+        unmodeled.mujoco(path).matched([made(inputs=(), outputs=("ball.position",))])
+
+
 def test_an_input_that_is_no_actuator_is_told(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM)

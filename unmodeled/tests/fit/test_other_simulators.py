@@ -5,6 +5,7 @@ import tempfile
 import tomllib
 import zipfile
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ import unmodeled
 from unmodeled import Exposed, Options, Parameter, Record, Sensor
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit.authoring import Candidate, Jobs, SensitivityRequest
+from unmodeled.fit.fmi import _limits
 
 from . import units
 
@@ -308,3 +310,13 @@ def test_friction_is_named_and_its_start_value_closes_the_gap_in_fmpy(fmu, tmp_p
     )
     assert after == pytest.approx(report.channels[0].held_out_explained, rel=0.02)
     assert after < 0.1 * before
+
+
+def test_limits_that_an_fmu_states_are_those_of_its_parameters():
+    def variable(low, high):
+        return SimpleNamespace(min=low, max=high)
+
+    variables = {"k": variable("0.5", None), "x": variable("0", "1"), "d": variable(None, None),
+                 "gain": variable(None, "2")}  # fmt: skip
+    found = _limits(variables, ["k", "d", "gain"])
+    assert found == {"k": (0.5, np.inf), "gain": (-np.inf, 2.0)}

@@ -155,6 +155,15 @@ def test_a_bent_function_with_noise_is_differentiated_from_both_sides():
     assert not straight.central
 
 
+def test_a_forward_step_has_the_smallest_error():
+    """2 sqrt(noise / f''), whatever the step of the trials."""
+    for h in (0.1, 0.02):
+        values = (np.full(2, x + x**2) for x in (0.0, h, 2.0 * h))
+        step = choose_step(*values, h, 2e-10, 1.0, False)
+        assert not step.central
+        assert step.size == pytest.approx(2.0 * math.sqrt(2e-10 / 2.0), rel=1e-6)
+
+
 def test_at_a_limit_the_step_goes_to_the_free_side():
     seen = []
 

@@ -346,3 +346,8 @@ def test_a_value_alone_is_a_parameter_without_a_prior_on_the_command_line(tmp_pa
     loaded = load_model(f"{path}:load", parameters=StatedOptions(("m=4kg",), ()).parameters)
     (p,) = loaded.model.parameters
     assert (p.value, p.sd, p.unit) == (4.0, np.inf, "kg")
+
+
+def test_a_parameter_without_a_label_has_its_name():
+    assert Parameter(name="k", value=1.0).title == "k"
+    assert Parameter(name="k", value=1.0, label="stiffness of the spring").title[:9] == "stiffness"

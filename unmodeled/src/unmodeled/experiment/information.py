@@ -62,8 +62,6 @@ MAGNITUDES = (0.5, 1.0, 2.0)
 #: Standard deviation of the prior of a rival's magnitude [scales]: two causes with equal signatures
 #: then stay equally probable.
 PRIOR_WIDTH = 10.0
-#: Probability that the cause is none of those that a diagnosis believes in.
-RESERVE = 0.1
 #: Prior weight below which there is no prior knowledge, and the weight that replaces it: such a
 #: parameter imitates an effect completely.
 LEAST_PRIOR, NO_PRIOR = 1e-5, 1e-12
@@ -267,7 +265,8 @@ class Study:
         """
         prior = self.odds / self.odds.sum()
         weights, none = self.weights
-        reserve = RESERVE + (1.0 - RESERVE) * none
+        credibility = DEFAULTS.credibility  # of what a diagnosis believes in
+        reserve = 1.0 - credibility + credibility * none
         out = (1.0 - reserve) * weights / max(weights.sum(), 1e-300) + reserve * prior
         return np.asarray(out / out.sum())
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, weights
-from unmodeled.search.fit import fit_local, run_in_lockstep
+from unmodeled.search.fit import PARTS, fit_local, run_in_lockstep
 from unmodeled.search.linear import Point, local_of
 from unmodeled.search.problem import Problem
 
@@ -49,7 +49,7 @@ def predict(
             s.point.x,
             tuple(np.zeros(len(local_of(problem, s.members, o))) for o in problem.held_out),
         )
-        parts = (0.03, 0.1, 0.3, 1.0) if _unknown_starts(problem) else (1.0,)
+        parts = PARTS if _unknown_starts(problem) else (1.0,)
         runs.append(
             fit_local(
                 problem,

@@ -288,7 +288,7 @@ def by_record(problem: Problem, fitted: Fitted, k: int) -> tuple[Array, Array]:
     matrix, right = np.zeros((size, size)), np.zeros(size)
     matrix[: g - 1, : g - 1] += np.diag(weight[others])
     right[: g - 1] -= weight[others] * fitted.point.x[others]
-    matrix[g - 1 :, g - 1 :] += 1e-3 * np.eye(count)
+    matrix[g - 1 :, g - 1 :] += WEAK * np.eye(count)
     for r, (observed, linear) in enumerate(zip(problem.fit, fitted.linears, strict=True)):
         own = system(
             problem,

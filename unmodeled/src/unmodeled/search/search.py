@@ -18,6 +18,7 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.search.evidence import Fitted, best_of, log_odds
 from unmodeled.search.fit import (
     CONVERGED,
+    PARTS,
     POOR,
     RADIUS,
     Start,
@@ -56,8 +57,6 @@ WORTH = 0.5
 MOVED = 1.0
 #: Share of the gain of the best cause from which others are tried too.
 NEARLY = 0.8
-#: Growing parts of the records to which the model alone is fitted, as shares of their durations.
-PARTS = (0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 1.0)
 
 
 #: Members, the fit from which the fit of a set begins, and scores of what that one lacks.
@@ -216,9 +215,7 @@ def _tabulated(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Fit
         return None
     point = replace(alone.point, x=np.zeros_like(alone.point.x))
     every = np.ones(len(problem.channels))
-    run = fit_local(
-        problem, problem.fit, (), point, alone.noise, every, parts=(0.03, 0.1, 0.3, 1.0)
-    )
+    run = fit_local(problem, problem.fit, (), point, alone.noise, every, parts=PARTS)
     local: Fitted | None = run_in_lockstep(problem, [run], step)[0]
     if local is None:
         return None
