@@ -43,6 +43,8 @@ class Explanation:
 
     changed: tuple[tuple[ParameterValue, ...], ...] = ()
     without: tuple[Without, ...] = ()
+    ended_by: BaseException | None = None
+    """What ended the fits before the parameters were known."""
 
 
 def smallest(
@@ -71,14 +73,7 @@ def smallest(
     """
 
     def odds(besides: Sequence[int]) -> dict[int, float]:
-        zero = [k for k in free if k not in besides]
-        inverse = np.linalg.inv(covariance[np.ix_(zero, zero)])
-        own = np.diag(inverse)
-        log_odds = 0.5 * ((inverse @ x[zero]) ** 2 / own - np.log(own))
-        return dict(zip(zero, map(float, log_odds), strict=True))
-
-    def others(k: int) -> list[int]:
-        return [j for j in found if j != k]
+        return _odds(x, covariance, free, besides)
 
     def best_of(scores: Mapping[int, float]) -> int:
         return max(scores, key=lambda k: scores[k])
@@ -97,10 +92,28 @@ def smallest(
             if exchanged == found:
                 break
             found = exchanged
-        found = [k for k in found if odds(others(k))[k] >= enough]
+        found = [k for k in found if odds([j for j in found if j != k])[k] >= enough]
+    return _equivalents(x, covariance, free, found)
+
+
+def _odds(
+    x: Array, covariance: Array, free: Sequence[int], besides: Sequence[int]
+) -> dict[int, float]:
+    """Log posterior odds of each further unknown if the others are zero, but those ``besides``."""
+    zero = [k for k in free if k not in besides]
+    inverse = np.linalg.inv(covariance[np.ix_(zero, zero)])
+    own = np.diag(inverse)
+    log_odds = 0.5 * ((inverse @ x[zero]) ** 2 / own - np.log(own))
+    return dict(zip(zero, map(float, log_odds), strict=True))
+
+
+def _equivalents(
+    x: Array, covariance: Array, free: Sequence[int], found: Sequence[int]
+) -> list[list[int]]:
+    """For each unknown of a set, those that could stand for it, the best one first."""
     groups = []
     for k in found:
-        scores = odds(others(k))
+        scores = _odds(x, covariance, free, [j for j in found if j != k])
         alike = [j for j, v in scores.items() if v > scores[k] + math.log(ALIKE)]
         groups.append(sorted(alike, key=lambda j: -scores[j])[:CLASS])
     return groups
@@ -114,10 +127,14 @@ def explain(
     predicted: Mapping[tuple[int, ...], Predicted | None],
     groups: Sequence[Sequence[int]],
     values: Callable[[Problem, Fitted], Sequence[ParameterValue]],
+    matters: Callable[[Without], float],
     credibility: float,
     check: Callable[[], None] = lambda: None,
 ) -> Explanation:
     """The fewest parameters that explain a fit, and what is left without each change.
+
+    A parameter that takes away less than what matters is dropped, the least one first, and the
+    others are fitted again: what it did may be a part of what one of them does.
 
     Parameters
     ----------
@@ -133,6 +150,8 @@ def explain(
         Causes of each answer: one cause, or the members of a class.
     values
         Values of the parameters of a fit with their intervals.
+    matters
+        What a change takes away, over what matters.
     credibility
         Posterior probability that a parameter of the answer needs.
     check
@@ -145,13 +164,15 @@ def explain(
     without: list[Without] = []
     try:
         out = tuple(work.alike(group, values) for group in work.groups)
+        if work.drop(matters):
+            out = tuple(work.alike(group, values) for group in work.groups)
         for causes in groups:
             without += work.without_causes(causes)
         for group, parameters in zip(work.groups, out, strict=True):
             less = work.fitted(work.kept - {group[0]})
             without += work.without_listed([p.name for p in parameters], less)
-    except (Stop, KeyboardInterrupt):
-        pass
+    except (Stop, KeyboardInterrupt) as stop:
+        return Explanation(out, tuple(without), None if out else stop)
     return Explanation(out, tuple(without))
 
 
@@ -176,7 +197,7 @@ class _Fits:
         self.seen = {(id(problem), causes): p for causes, p in predicted.items()}
         own = [problem.model.parameters[i] for i in problem.free]
         released = problem.released(best.members)
-        tested = [
+        self.tested = tested = [
             k
             for k, p in enumerate(own)
             if p.of_the_machine and math.isfinite(p.sd) and not released[k]
@@ -222,6 +243,25 @@ class _Fits:
                 (found,) = fit_sets(smaller, [Start(members, (point,))], self.check, rough=True)
             self.known[key] = smaller, found
         return self.known[key]
+
+    def drop(self, matters: Callable[[Without], float]) -> bool:
+        """Drop the parameters that take away less than what matters; whether there was one."""
+        found, needed = [group[0] for group in self.groups], set[int]()
+        while open_ := [k for k in found if k not in needed]:
+            takes = dict.fromkeys(open_, math.inf)
+            for k in open_:
+                for left in self.without_listed([""], self.fitted(self.kept - {k})):
+                    takes[k] = matters(left)
+            needed |= {k for k in open_ if takes[k] > 1.0}
+            if len(needed) == len(found):
+                break
+            least = min(takes, key=lambda k: takes[k])
+            found.remove(least)
+            self.kept.remove(least)
+        dropped = len(found) < len(self.groups)
+        if dropped:
+            self.groups = _equivalents(self.best.point.x, self.covariance, self.tested, found)
+        return dropped
 
     def without_causes(self, group: Sequence[int]) -> list[Without]:
         """What is left without a cause, or without all members of a class."""

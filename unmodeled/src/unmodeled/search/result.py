@@ -228,6 +228,24 @@ class Without:
     """For an effect: the same if nothing but the changes differs from the model."""
 
 
+def takes_over(channels: Sequence[Channel], without: Without) -> float:
+    """What a change takes away, over what matters; in some records and channel [1]."""
+    pairs = [(without.before, without.after), *([without.held_out] if without.held_out else [])]
+    return max(_taken(channels, *pair)[2] for pair in pairs)
+
+
+def _taken(
+    channels: Sequence[Channel], before: Sequence[float], after: Sequence[float]
+) -> tuple[int, float, float]:
+    """The channel in which a change is seen best, what it takes away, over what matters."""
+    taken = [math.sqrt(max(b * b - a * a, 0.0)) for b, a in zip(before, after, strict=True)]
+    # Noise is in both residuals: what their difference is compared with has none.
+    least = [max(c.good_enough, 1e-300) for c in channels]
+    ratio = max(t / v for t, v in zip(taken, least, strict=True))
+    k = max(range(len(taken)), key=lambda k: taken[k] / channels[k].limit)
+    return k, taken[k], ratio
+
+
 @dataclass(frozen=True)
 class Change:
     """A change of the model, of a sensor, an input or a clock, that the records ask for."""
@@ -497,9 +515,9 @@ class Result:
             return found
         # What the model misses without it decides, and not what parameters can imitate of it.
         alone, held = left.alone or left, False
-        k, taken, ratio = self._taken(alone.before, alone.after)
+        k, taken, ratio = _taken(self.channels, alone.before, alone.after)
         if alone.held_out is not None:
-            there = self._taken(*alone.held_out)
+            there = _taken(self.channels, *alone.held_out)
             if held := there[2] > 1.0:  # else the change acts in the fitted records only
                 k, taken, ratio = there
         pair = (left.held_out or alone.held_out) if held else None
@@ -514,15 +532,6 @@ class Result:
             takes=c.share(taken),
             matters=ratio > 1.0,
         )
-
-    def _taken(self, before: Sequence[float], after: Sequence[float]) -> tuple[int, float, float]:
-        """The channel in which a change is seen best, what it takes away, over what matters."""
-        taken = [math.sqrt(max(b * b - a * a, 0.0)) for b, a in zip(before, after, strict=True)]
-        # Noise is in both residuals: what their difference is compared with has none.
-        least = [max(c.good_enough, 1e-300) for c in self.channels]
-        ratio = max(t / v for t, v in zip(taken, least, strict=True))
-        k = max(range(len(taken)), key=lambda k: taken[k] / self.channels[k].limit)
-        return k, taken[k], ratio
 
     @cached_property
     def worst(self) -> Channel:

@@ -46,6 +46,7 @@ from unmodeled.search.result import (
     SetOfCauses,
     Trace,
     Verdict,
+    takes_over,
     worst_of,
 )
 from unmodeled.search.score import by_record, index_of
@@ -130,18 +131,6 @@ def judge(
             ports = places(problem, best)
         except (Stop, KeyboardInterrupt) as stop:
             searched.ended_by = stop
-    reasons = {
-        Reason.DIFFERS_BETWEEN_RECORDS: bool(imitations & {*probable.causes}),
-        Reason.NOT_COMPLETE: searched.ended_by is not None,
-        Reason.INTERRUPTED: by_user or interrupted(searched.ended_by),
-        Reason.NOT_NEEDED: bool(not_needed),
-        Reason.NOISE_NOT_STATED: problem.noise_estimated,
-        Reason.CALIBRATION_PREDICTS_WORSE: worse,
-        Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
-        Reason.NOT_PREDICTED: lost,
-        Reason.NOTHING_INSIDE: bool(told or classes or supported or any(material))
-        and not any(_inside(problem, c) for c in problem.causes),
-    }
     unknowns, correlation = _correlation(problem, best)
     parameters = _parameters(problem, best)
     own, fitted = (
@@ -157,9 +146,23 @@ def judge(
         predicted,
         [[i] for i in (*told, *supported)] + classes,
         _parameters,
+        lambda without: takes_over(channels, without),
         options.credibility,
         check,
     )
+    searched.ended_by = searched.ended_by or changes.ended_by
+    reasons = {
+        Reason.DIFFERS_BETWEEN_RECORDS: bool(imitations & {*probable.causes}),
+        Reason.NOT_COMPLETE: searched.ended_by is not None,
+        Reason.INTERRUPTED: by_user or interrupted(searched.ended_by),
+        Reason.NOT_NEEDED: bool(not_needed),
+        Reason.NOISE_NOT_STATED: problem.noise_estimated,
+        Reason.CALIBRATION_PREDICTS_WORSE: worse,
+        Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
+        Reason.NOT_PREDICTED: lost,
+        Reason.NOTHING_INSIDE: bool(told or classes or supported or any(material))
+        and not any(_inside(problem, c) for c in problem.causes),
+    }
     result = Result(
         verdict=_verdict(told, classes, supported, channels),
         reasons=tuple(reason for reason, holds in reasons.items() if holds),
