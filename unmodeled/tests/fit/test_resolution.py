@@ -124,7 +124,7 @@ def test_what_is_ready_comes_back_as_it_is(sigma: float | None) -> None:
 
 def test_a_clearance_between_two_masses_is_named() -> None:
     """Backlash of a shaft between motor and load, which no force on one of them could be."""
-    inertia, load, k, d, gap = 0.01, 0.02, 40.0, 0.03, 0.004
+    inertia, load, k, d, gap = 0.01, 0.02, 40.0, 0.03, 0.006
     motor = Coordinate(name="motor", position="a", speed="v", inertia=inertia, unit="N m")
     wheel = Coordinate(name="load", position="b", speed="w", inertia=load, unit="N m")
     shaft = Coupling(name="shaft", first=motor, second=wheel, unit="N m")
