@@ -19,6 +19,7 @@ import os
 import random
 import resource
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -214,7 +215,9 @@ def killed(copy: Path, tests: Sequence[str], seconds: float) -> bool:
     if child:
         status = os.waitpid(child, 0)[1]
         if os.WIFEXITED(status) and os.WEXITSTATUS(status) > pytest.ExitCode.INTERNAL_ERROR:
-            raise SystemExit(f"the tests are not found: delete {KNOWN}")
+            collect = [sys.executable, "-m", "pytest", "-q", "--collect-only", *tests]
+            if subprocess.run(collect, cwd=ROOT, capture_output=True, check=False).returncode:
+                raise SystemExit(f"the tests are not found: delete {KNOWN}")
         return status != 0
     code = 1
     try:

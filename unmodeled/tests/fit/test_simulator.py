@@ -25,6 +25,7 @@ from unmodeled import (
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import SensitivityRequest
 from unmodeled.fit.authoring import Candidate, Jobs
+from unmodeled.fit.model import difference_offsets
 from unmodeled.fit.simulator import choose_step, noise_of_function
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -388,3 +389,21 @@ def test_the_noise_of_a_function_is_told_where_it_matters():
     (note,) = [n for n in model(rounded).ready([record()]).notes if "spread of its outputs" in n]
     assert "of 3 parameters" in note
     assert "others" not in note
+
+
+@pytest.mark.parametrize(
+    ("at", "low", "high", "changes"),
+    [
+        (0.0, -1.0, 1.0, [0.5, -0.5]),
+        (1.0, 0.0, 1.5, [0.5, -0.5]),
+        (1.2, 0.0, 1.5, [-0.5, -1.0]),
+        (0.2, 0.0, 1.5, [0.5, 1.0]),
+        (0.2, 0.0, 1.2, [0.5, 1.0]),
+    ],
+)
+def test_differences_of_second_order_stay_within_limits(at, low, high, changes):
+    found = difference_offsets(at, 0.5, low, high)
+    assert [c for c, _ in found] == changes
+    assert all(low <= at + c <= high for c in changes)
+    slope = sum(w * ((at + c) ** 2 - at**2) for c, w in found)
+    assert slope == pytest.approx(2.0 * at)  # exact for a parabola
