@@ -70,7 +70,7 @@ class _Tracks:
         forces: Array | None = None,
     ) -> int:
         """Place of the signals of a record, with changes of inputs or unknown forces."""
-        changed = [change[n] for change in changes for n in self.names(change)]
+        changed = [(n, change[n]) for change in changes for n in self.names(change)]
         further = self.between(record, changed)
         if forces is not None:
             further += self._forces(record, forces)
@@ -80,7 +80,7 @@ class _Tracks:
         key = system.hold, system.substeps, system.inputs
         held = self.known.setdefault(record, {})
         if key not in held:
-            signals = [record.inputs[n] for n in system.inputs]
+            signals = [(n, record.inputs[n]) for n in system.inputs]
             held[key] = self._stacked(record, self.between(record, signals))
         own = held[key]
         if further:
@@ -99,12 +99,12 @@ class _Tracks:
         """Inputs of the model that a change changes."""
         return tuple(n for n in self.system.inputs if n in change)
 
-    def between(self, record: Record, signals: Sequence[Array]) -> list[Array]:
-        """Signals after each sample, (n, halves); each part by a spline apart if it is one."""
+    def between(self, record: Record, signals: Sequence[tuple[str, Array]]) -> list[Array]:
+        """Inputs, or their changes, after each sample, (n, halves); what bends them apart."""
         hold, share = self.system.hold, self.shares
         if not signals:
             return []
-        values = np.array(signals)
+        values = np.array([v for _, v in signals])
         following = np.append(values[:, 1:], values[:, -1:], axis=1)
         out = values[..., None] + 0.0 * share
         if hold != "zero":
@@ -116,7 +116,8 @@ class _Tracks:
         square = np.append(np.diff(record.time), 0.0)[:, None] ** 2 / 6.0
         bent = square * ((rest**3 - rest) * bends[..., None] + (share**3 - share) * ahead)
         if hold != "spline":  # most samples repeat the one before: a switch may hold it
-            steps = 2.0 * np.mean(following == values, axis=1) > 1.0
+            own = np.array([record.inputs[n] for n, _ in signals])
+            steps = 2.0 * np.mean(np.diff(own, axis=1) == 0.0, axis=1) > 1.0
             bent[steps] = -(share * (following - values)[..., None])[steps]
         if hold != "between":
             return [*(out + bent)]

@@ -37,7 +37,7 @@ WRONG_STATEMENT = 0.05
 #: Expected offset of a sensor in each record, as a share of the motion, and other errors [1].
 OFFSET, SHARE = 0.1, 0.05
 #: Simulated time after the end of a record, which a fast clock shows, as a share of it [1].
-AFTER = 0.08
+AFTER = 0.05
 
 
 def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:

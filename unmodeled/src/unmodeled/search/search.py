@@ -149,9 +149,9 @@ def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
 def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Problem:
     """The problem with those held-out records in the fit that show what the others do not.
 
-    What acts in a held-out record only, no set of causes can predict. A record of which the model
-    alone leaves more than of all fitted ones together takes the place of the one that it follows
-    best.
+    What acts in a held-out record only, no set of causes can predict. If the model alone follows
+    all fitted records within twice their noise, a record that it misses by more than all of these
+    together takes the place of one of them.
     """
     held = predict(problem, [alone], step)[0] if problem.held_out else None
     if held is None:
@@ -166,7 +166,8 @@ def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> 
 
     fit, out = list(problem.fit), list(problem.held_out)
     own = left(fit, alone.residuals)
-    odd = [k for k, v in enumerate(left(out, held.residuals)) if v > sum(own)]
+    there = enumerate(left(out, held.residuals))
+    odd = [k for k, v in there if max(own) < 2.0**2 and v > max(sum(own), 2.0**2)]
     for k, best in zip(odd, np.argsort(own)[:-1], strict=False):
         fit[best], out[k] = out[k], fit[best]
     return replace(problem, fit=tuple(fit), held_out=tuple(out))
