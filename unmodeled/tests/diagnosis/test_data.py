@@ -28,7 +28,13 @@ from unmodeled.data import (
 )
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.loading import LoadedModel
-from unmodeled.search.records import _spikes, check_records, noise_of_channel, ready_records
+from unmodeled.search.records import (
+    _blocks,
+    _spikes,
+    check_records,
+    noise_of_channel,
+    ready_records,
+)
 from unmodeled.units import convert
 
 from . import models
@@ -712,3 +718,14 @@ def test_a_slow_clock_is_named_though_it_shows_times_after_the_end():
     assert [n.cause for n in result.named] == ["clock of the sensors"]
     assert result.named[0].magnitude == pytest.approx(0.02, abs=2e-4)
     assert max(c.explained / c.noise for c in result.channels) < 1.05
+
+
+@pytest.mark.parametrize(("samples", "blocks"), [(100, 5), (99, 2)])
+def test_every_second_block_of_a_record_is_held_out(samples, blocks):
+    time = 0.01 * np.arange(samples)
+    record = Record(name="run", time=time, inputs={}, outputs={"q": np.sin(time)})
+    fitted, held = (np.isfinite(_blocks(record, odd).outputs["q"]) for odd in (0, 1))
+    assert np.array_equal(fitted, ~held)
+    assert fitted[0]
+    assert np.count_nonzero(np.diff(fitted)) == blocks - 1
+    assert [_blocks(record, odd).role for odd in (0, 1)] == ["fit", "held_out"]
