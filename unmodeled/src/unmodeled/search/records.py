@@ -34,8 +34,8 @@ from unmodeled.units import same_unit, weight_hint, zero_and_factor
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
 #: zero of a sensor in each record [1].
 WRONG_STATEMENT = 0.05
-#: Expected offset of a sensor in each record, as a share of the motion, and other errors [1].
-OFFSET, SHARE = 0.1, 0.05
+#: Expected error of a sensor in each record, as a share of the motion or of the reading [1].
+SHARE = 0.05
 #: Simulated time after the end of a record, which a fast clock shows, as a share of it [1].
 AFTER = 0.05
 
@@ -226,7 +226,7 @@ def _errors(
         for fault in (f for f in faults().values() if f.each and (f.name, c) not in stated):
             if not (fault.always or f"{fault.name} of sensor {name}" in listed):
                 continue
-            scale = {"": OFFSET * float(rms[c]), "s": interval}.get(fault.unit, SHARE)
+            scale = {"": SHARE * float(rms[c]), "s": interval}.get(fault.unit, SHARE)
             label = f"{fault.name} of sensor {name} in each record"
             local = Local(fault.name, c, 0.0, scale, channels=(c,))
             found.append(Cause(label, f"sensor {name}", local=local))
