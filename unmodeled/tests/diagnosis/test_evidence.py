@@ -11,6 +11,7 @@ from scipy.stats import multivariate_normal
 from unmodeled import LinearModel, Parameter
 from unmodeled.search.evidence import (
     DEGREES,
+    Prior,
     effective_share,
     local_penalty,
     log_evidence,
@@ -173,3 +174,11 @@ def test_the_size_of_an_error_of_each_record_is_known_to_an_order_of_magnitude(s
         step = 1e-5 * np.eye(n)[k]
         slope = (penalty(values + step) - penalty(values - step)) / 2e-5
         assert target == pytest.approx([-0.5 * slope])
+
+
+def test_the_weights_of_a_prior_are_the_slope_of_its_penalty():
+    prior = Prior(np.array([1.0, 4.0, 0.25]), np.array([True, False, True]))
+    x, step = np.array([2.0, -0.7, 5.0]), 1e-5
+    for k, moved in enumerate(step * np.eye(3)):
+        slope = (prior.penalty(x + moved) - prior.penalty(x - moved)) / (2.0 * step)
+        assert prior.weights(x)[k] * x[k] == pytest.approx(0.5 * slope, rel=1e-6)

@@ -351,3 +351,13 @@ def test_a_value_alone_is_a_parameter_without_a_prior_on_the_command_line(tmp_pa
 def test_a_parameter_without_a_label_has_its_name():
     assert Parameter(name="k", value=1.0).title == "k"
     assert Parameter(name="k", value=1.0, label="stiffness of the spring").title[:9] == "stiffness"
+
+
+def test_the_size_of_a_parameter_is_its_tolerance_or_its_value():
+    def size(**what):
+        return Parameter(name="k", **what).size
+
+    assert size(value=-2.0, sd=0.1) == 0.1
+    assert size(value=-2.0) == 2.0
+    assert size(value=-2.0, sd=0.0) == 2.0
+    assert size(value=0.0) == 1.0

@@ -55,8 +55,8 @@ TRIALS, STALE = 7, 2
 NEAR, CATCH_UP = 3.0, 0.3
 #: Largest difference of the unknowns of two fits of one set that are the same, in their scales.
 SAME_POINT = 0.05
-#: Growing parts of records that are fitted where a start is not known, as shares of them.
-PARTS = (0.03, 0.1, 0.3, 1.0)
+#: Growing parts of records that are fitted first where a start is not known, as shares of them.
+PARTS = (0.03, 0.1, 0.3)
 #: Effective share below which a model is so wrong that it may have moved the parameters far away.
 POOR = 0.3
 
@@ -354,8 +354,7 @@ def _descend(fit: Descent) -> Steps:
             if not stale and cost < now + CONVERGED:  # flat
                 break
             radius, derivatives = 0.4 * length, False
-        done = change < SETTLED or gain == 0.0  # without a step, nothing will change
-        fit.gain = gain if settled and done else max(gain, CONVERGED)
+        fit.gain = gain if settled else max(gain, CONVERGED)
         if far and gain > 0.0:  # its steps are limited, and grow
             fit.gain = np.inf
         if fit.gain < CONVERGED:
@@ -425,7 +424,7 @@ def fit_local(
     noise: Array,
     weight: Array,
     rounds: int = 6,
-    parts: Sequence[float] = (1.0,),
+    parts: Sequence[float] = (),
 ) -> Generator[EvaluationRequest, list[Linear], Fitted | None]:
     """Fit the unknowns of records only; the global unknowns keep their values.
 
@@ -442,8 +441,8 @@ def fit_local(
     rounds
         Largest number of steps for each part.
     parts
-        Growing parts of the records that are fitted, as shares of their length: a start state that
-        is far off is found from the beginning of a record first.
+        Growing parts of the records that are fitted first, as shares of their length: a start state
+        that is far off is found from the beginning of a record.
     """
     prior = Prior(np.zeros(0), np.zeros(0, dtype=bool))
     none = np.zeros(0)
@@ -456,7 +455,7 @@ def fit_local(
         return out
 
     seen = yield EvaluationRequest(members, point, records, by_global=False)
-    for part in parts:
+    for part in (*parts, 1.0):
         now = cut(seen, part)
         local_point = Point(none, point.local)
         cost = _cost(problem, records, members, prior, local_point, now, weight)

@@ -49,7 +49,7 @@ def predict(
             s.point.x,
             tuple(np.zeros(len(local_of(problem, s.members, o))) for o in problem.held_out),
         )
-        parts = PARTS if _unknown_starts(problem) else (1.0,)
+        parts = PARTS if _unknown_starts(problem) else ()
         runs.append(
             fit_local(
                 problem,

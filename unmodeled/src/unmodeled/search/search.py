@@ -194,7 +194,7 @@ def model_alone(
     try:
         known = None if hidden else run_in_lockstep(problem, [first_step(problem, point)], step)[0]
         start = Start((), (point,), () if known is None else known)
-        for part in (1.0,) if known is not None else PARTS:
+        for part in (*(PARTS if known is None else ()), 1.0):
             cut = replace(problem, fit=tuple(o.first(part) for o in problem.fit))
             begin = [replace(start, points=(point,))]
             fitted = fit_sets(cut, begin, step, rough=rough or part < 1.0)[0]
