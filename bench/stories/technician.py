@@ -70,7 +70,7 @@ FAULTS = {
     ),
     "spring": Fault(
         {"springs.butt_spring.stiffness *=": 0.85}, {"spring.butt_spring": -0.15},
-        ("stiffness of the butt spring", "friction of the hammer butt"),
+        ("either the stiffness of the butt spring",),
     ),
     "two": Fault(
         {"surfaces.Kp2.point.y -=": "0.3 mm", "bodies.butt.friction.amplitude *=": 1.8},
