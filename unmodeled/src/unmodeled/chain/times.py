@@ -98,14 +98,18 @@ class Delay(Fault):
 
 
 class Clock(Fault):
-    """reading(t) = y(t + size t), with the time counted from the first sample."""
+    """reading(t) = y(t + size t), with the time counted from the first sample.
+
+    No clock is off by more than a tenth: a larger size is one.
+    """
 
     name, place, common = "clock", 0.0, True
     each = "clock", "Compare the clocks of the records with another one over a long time."
+    most = 0.1
 
     def _moments(self, run: Run, y: Array, size: float) -> tuple[Array, Array]:
         time = run.time[: y.shape[1]]
-        return time, time + size * (time - time[0])
+        return time, time + np.clip(size, -self.most, self.most) * (time - time[0])
 
     def act(self, run: Run, y: Array, size: Any, shape: Any = None) -> Array:
         time, moments = self._moments(run, y, size)
@@ -113,6 +117,8 @@ class Clock(Fault):
 
     def by_size(self, run: Run, y: Array, size: float, shape: Any = None) -> Array:
         time, moments = self._moments(run, y, size)
+        if abs(size) > self.most:
+            return 0.0 * y
         return np.asarray((time - time[0]) * at_times(time, y, moments, rate=True))
 
     def undo(self, run: Run, reading: Array, size: float, shape: Any = None) -> Array:
