@@ -12,7 +12,7 @@ from unmodeled.search.evidence import best_of, log_odds
 from unmodeled.search.fit import Start, empty_point, fit_local, fit_sets, run_in_lockstep
 from unmodeled.search.options import Options
 from unmodeled.search.records import prepare, ready_records
-from unmodeled.search.search import search
+from unmodeled.search.search import _keep_smaller, search
 
 from . import models
 from .conftest import spring_record
@@ -94,3 +94,16 @@ def test_a_start_whose_full_step_is_too_long_is_fitted_by_shorter_ones():
     run = fit_local(problem, problem.fit, (), start, one, one, rounds=20)
     (found,) = run_in_lockstep(problem, [run])
     assert 0.6 + found.point.local[0][0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_at_the_limit_a_smaller_set_may_have_the_parameters_of_the_larger_one(spring, causes):
+    """A cause is not needed because the fit without it is a bad one."""
+    records = [spring_record(f"r{k}", 2 + k, seed=k, hardening=2000.0) for k in range(3)]
+    problem = prepare(ready_records(spring, records), causes, (), Options())
+    found = search(problem, Options())
+    alone, now = found.sets[()], found.ranked()[0][0]
+    assert now.members
+    found.sets = {(): replace(alone, noise=1e3 * alone.noise), now.causes: now}
+    _keep_smaller(found)
+    assert found.sets[()].point.x == pytest.approx(now.point.x[: len(problem.free)])
+    assert np.all(found.sets[()].noise < 1e3 * alone.noise)

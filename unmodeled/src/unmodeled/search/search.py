@@ -127,6 +127,8 @@ def search(
         )
     except (Stop, KeyboardInterrupt) as stop:
         found.ended_by = stop
+        if not interrupted(stop):
+            _keep_smaller(found)
     if not interrupted(found.ended_by):  # the limit of time tells no cause from its equivalents
         try:
             limit = Limit(begin + ENDS["exchange"] * options.seconds, step)
@@ -171,6 +173,26 @@ def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> 
     for k, best in zip(odd, np.argsort(own)[:-1], strict=False):
         fit[best], out[k] = out[k], fit[best]
     return replace(problem, fit=tuple(fit), held_out=tuple(out))
+
+
+def _keep_smaller(found: Searched) -> None:
+    """Keep the sets with one cause less than the best one, and with none, also as they are there.
+
+    At the limit of time they were not fitted from its parameters: a cause whose set without it is
+    as good with these is not needed.
+    """
+    problem, now = found.problem, found.ranked()[0][0]
+    if not now.members:
+        return
+    less = [tuple(m for m in now.members if m is not out) for out in now.members]
+    asked = [
+        EvaluationRequest(rest, start_from(problem, rest, now).points[0], problem.fit)
+        for rest in dict.fromkeys([*less, ()])
+    ]
+    for ask, linears in zip(asked, evaluate(problem, asked), strict=True):
+        if not any(x.failed for x in linears):
+            noise = noise_left(problem, linears)
+            _keep(found, [Fitted(ask.members, ask.point, tuple(linears), noise)])
 
 
 def model_alone(
@@ -397,6 +419,7 @@ def with_all_records(
         if () not in out.sets:
             raise
         out.ended_by = stop
+        _keep_smaller(out)
         return out
     if () not in out.sets:
         raise InvalidParameter(
@@ -410,6 +433,7 @@ def with_all_records(
         without_one(out, best_of(everything, list(out.sets.values())), check)
     except Stop as stop:
         out.ended_by = stop
+        _keep_smaller(out)
     return out
 
 
