@@ -286,6 +286,7 @@ def test_what_acts_between_two_bodies_is_told_from_what_acts_at_one(between, at_
     options = Options(max_effects=2)
     report = place["model"].diagnose(measured(between, at_motor), options=options)
     assert [c.cause for c in report.named if not c.parameter] == [cause]
+    assert report.classes == ()
     assert said in str(report).replace("\n", " ")
 
 

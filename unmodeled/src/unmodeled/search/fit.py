@@ -56,7 +56,7 @@ NEAR, CATCH_UP = 3.0, 0.3
 #: Largest difference of the unknowns of two fits of one set that are the same, in their scales.
 SAME_POINT = 0.05
 #: Growing parts of records that are fitted first where a start is not known, as shares of them.
-PARTS = (0.03, 0.1, 0.3)
+PARTS = (0.03, 0.1, 0.2, 0.35, 0.5, 0.7)
 #: Effective share below which a model is so wrong that it may have moved the parameters far away.
 POOR = 0.3
 
