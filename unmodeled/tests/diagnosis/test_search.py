@@ -11,6 +11,7 @@ from unmodeled import Effect, Equations, Record, Sensor, State
 from unmodeled.search.evidence import best_of, log_odds
 from unmodeled.search.fit import Start, empty_point, fit_local, fit_sets, run_in_lockstep
 from unmodeled.search.options import Options
+from unmodeled.search.progress import Stop
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.search import _keep_smaller, search
 
@@ -107,3 +108,16 @@ def test_at_the_limit_a_smaller_set_may_have_the_parameters_of_the_larger_one(sp
     _keep_smaller(found)
     assert found.sets[()].point.x == pytest.approx(now.point.x[: len(problem.free)])
     assert np.all(found.sets[()].noise < 1e3 * alone.noise)
+
+
+def test_at_the_limit_of_time_the_search_looks_at_smaller_sets(spring, causes, monkeypatch):
+    def late(*_):
+        raise Stop("late")
+
+    looked = []
+    monkeypatch.setattr("unmodeled.search.search._climb", late)
+    monkeypatch.setattr("unmodeled.search.search._keep_smaller", looked.append)
+    problem = prepare(ready_records(spring, [spring_record("r", 2)]), causes, (), Options())
+    found = search(problem, Options())
+    assert looked == [found]
+    assert isinstance(found.ended_by, Stop)
