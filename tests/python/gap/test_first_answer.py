@@ -233,7 +233,7 @@ def test_priors_in_short_form():
     assert tau == Parameter(name="tau", value=0.2, sd=0.1, unit="s", lower=0.1, upper=0.3)
     assert a.sd == 0.0
     assert np.isinf(b.sd)
-    assert model.effects[0].sign == 1
+    assert model.effects[0].bounds == (0.0, 1.0)
 
 
 @pytest.mark.parametrize(

@@ -239,3 +239,14 @@ def test_a_member_of_a_class_has_the_size_with_which_it_stands_for_the_others():
     assert verdict._where([one, both, other], 1) is both
     assert verdict._where([one, both, other], 1, (0, 1)) is other
     assert verdict._where([both], 1, (0, 1)) is both
+
+
+@pytest.mark.parametrize(
+    ("gain", "odds", "preferred"),
+    [(0.3, -9.0, True), (0.1, -9.0, False), (-0.1, 9.0, True), (-0.3, 9.0, False)],
+)
+def test_of_sets_that_predict_equally_well_the_most_probable_one_is_supported(
+    gain, odds, preferred
+):
+    """The leg of a robot: friction and a delay predict by 0.1 better, and are less probable."""
+    assert verdict._preferred(gain, odds) is preferred

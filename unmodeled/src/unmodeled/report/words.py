@@ -227,7 +227,7 @@ def turned(
 ) -> tuple[str, str, str]:
     """Turns of a screw, the direction in which it is off, and the way back: half a turn, down, up.
 
-    The turns are a word where the interval leaves only one. A hand turns no finer than hundredths.
+    The turns are a word where the interval leaves only one. A hand turns hundredths at best.
     """
     turns, spread = abs(per_unit * size), 0.5 * abs(per_unit * (high - low))
     near = min(TURNS, key=lambda t: abs(t - turns))

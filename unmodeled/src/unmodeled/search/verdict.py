@@ -321,7 +321,8 @@ def _supported(
     """The smallest set of which each member surely improves the prediction of held-out records.
 
     From the best sets, members are dropped that do not, or that have another magnitude in each
-    record, or are at a limit. ``predicted`` gets the predictions of the sets without a member.
+    record, or are at a limit. Of sets that predict equally well, it is the most probable one.
+    ``predicted`` gets the predictions of the sets without a member.
     """
     problem = searched.problem
     strict = replace(problem, discrepancy_samples=STRICT)
@@ -355,10 +356,18 @@ def _supported(
         if (
             sure
             and not _worse_than_constant(problem, ours)
-            and (found is None or left(now) < left(found) - WORTH_A_MEMBER)
+            and (found is None or _preferred(left(found) - left(now), log_odds(strict, now, found)))
         ):
             found = now
     return found
+
+
+def _preferred(gain: float, odds: float) -> bool:
+    """Whether a set predicts better than another one, or as well and is more probable.
+
+    ``gain``: log ratio of the residuals of the other one and its own; ``odds``: log odds.
+    """
+    return gain > (-WORTH_A_MEMBER if odds > 0.0 else WORTH_A_MEMBER)
 
 
 def _need(
@@ -499,7 +508,7 @@ def _linked(alike: Sequence[frozenset[int]], cause: int) -> set[int]:
 def _of_sizes(problem: Problem, one: tuple[Fitted, int], other: tuple[Fitted, int]) -> float:
     """What the size of one member costs less than that of another one; 0 if it is usual.
 
-    Beyond five expected sizes the expectation was wrong, and tells no twin from another.
+    Beyond five expected sizes the expectation was wrong, and tells no equivalent from another.
     """
     costs: list[float] = []
     for fitted, cause in (one, other):

@@ -152,6 +152,7 @@ def _products(token: str) -> list[tuple[str, ...]]:
     return sorted(found, key=len, reverse=True)
 
 
+@checked
 def powers_of(unit: str) -> dict[str, float]:
     """Powers of the SI base units in an accepted unit; an angle has the base rad."""
     dims = _parse(unit)[1]
