@@ -9,8 +9,10 @@ import pytest
 from unmodeled import Effect, Parameter, Record, Sensor, Verdict, diagnose
 from unmodeled.fit import LinearModel
 from unmodeled.search import changes
-from unmodeled.search.changes import smallest
+from unmodeled.search.changes import _Fits, smallest
 from unmodeled.search.progress import Stop
+
+from .conftest import spring_record
 
 
 def posterior(columns, truth, noise=0.1, seed=0):
@@ -267,3 +269,16 @@ def test_of_two_parameters_that_replace_each_other_one_is_told(monkeypatch):
     (change,) = report.changes
     assert change.name == "a"
     assert change.size == pytest.approx(1.0, abs=0.02)
+
+
+def test_an_effect_is_counted_before_parameters_are_dropped(spring, causes, monkeypatch):
+    """Else it could take up what they did, and would seem to matter."""
+    order = []
+    for name in ("without_causes", "drop"):
+        real = getattr(_Fits, name)
+        monkeypatch.setattr(
+            _Fits, name, lambda *a, real=real, name=name: [order.append(name), real(*a)][1]
+        )
+    records = [spring_record(f"r{k}", 2 + k, seed=k, hardening=3000.0) for k in range(3)]
+    assert diagnose(spring, causes, records).changes
+    assert order == ["without_causes", "drop"]

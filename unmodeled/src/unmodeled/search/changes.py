@@ -164,10 +164,11 @@ def explain(
     without: list[Without] = []
     try:
         out = tuple(work.alike(group, values) for group in work.groups)
-        if work.drop(matters):
-            out = tuple(work.alike(group, values) for group in work.groups)
+        # Before parameters are dropped: an effect could take up what they did.
         for causes in groups:
             without += work.without_causes(causes)
+        if work.drop(matters):
+            out = tuple(work.alike(group, values) for group in work.groups)
         for group, parameters in zip(work.groups, out, strict=True):
             less = work.fitted(work.kept - {group[0]})
             without += work.without_listed([p.name for p in parameters], less)
