@@ -25,6 +25,7 @@ from unmodeled.search.result import (
     Trace,
     Without,
 )
+from unmodeled.search.verdict import _of_changes
 
 NAN = float("nan")
 
@@ -610,3 +611,31 @@ def test_an_interrupted_search_is_told_and_notes_are_said_once(report):
     assert "The search was interrupted: what was not fitted may explain as much." in text
     assert "limit of time" not in text
     assert "- a, b: valve in percent\n- held out: c\n" in text
+
+
+def test_causes_that_stand_for_each_other_are_told_if_they_matter_together(report):
+    """Without one of them, the other one does nearly as well; without both, much is left."""
+    (first,), second = report.named, replace(report.named[0], cause="drag")
+    names, explained = ("dry friction", "drag"), (0.011, 0.05)
+
+    def judged(left):
+        given = replace(
+            report,
+            named=(first, second),
+            classes=(),
+            apart=(),
+            changed=(),
+            without=tuple(Without(n, (0.0111, 0.05), explained) for n in names),
+            sets=(SetOfCauses(names, 0.99, explained), SetOfCauses((), 0.01, left)),
+            reported=names,
+        )
+        assert not given.changes
+        return _of_changes(given)
+
+    together = judged((0.05, 0.05))
+    assert {c.name for c in together.changes} == set(names)
+    assert together.channels[0].explained == 0.011
+    assert any(n.startswith("dry friction and drag stand for each other") for n in together.notes)
+    small = judged((0.0115, 0.05))
+    assert (small.changes, small.named, small.held_out_gain) == ((), (), None)
+    assert small.channels[0].explained == 0.0115

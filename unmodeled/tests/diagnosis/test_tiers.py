@@ -204,6 +204,10 @@ def test_a_probable_cause_that_takes_away_less_than_what_matters_has_no_name(spr
     assert (report.verdict, report.named, report.reported) == (Verdict.CALIBRATED, (), ())
     (note,) = [n for n in report.notes if n.startswith("Probable")]
     assert "less than what matters: preload (" in note
+    (channel,) = report.channels  # what remains is what remains without it
+    nothing = next(s for s in report.sets if not s.causes)
+    assert channel.explained == nothing.residual[0] > report.sets[0].residual[0]
+    assert channel.held_out_explained == channel.held_out_calibrated
     found = four(spring, causes, preload=0.2)
     assert [n.cause for n in found.named] == ["preload"]
     assert [c.name for c in found.changes] == ["preload", "k"]

@@ -46,6 +46,7 @@ from unmodeled.search.result import (
     SetOfCauses,
     Trace,
     Verdict,
+    Without,
     takes_over,
     worst_of,
 )
@@ -214,7 +215,8 @@ def judge(
 def _of_changes(result: Result) -> Result:
     """The result whose named causes and classes are those of its list of changes.
 
-    A cause that takes away less than what matters has no name, however probable it is.
+    A cause that takes away less than what matters has no name, however probable it is. Several
+    that stand for each other have one if they matter together.
     """
     listed = {c.name for c in result.changes}
     named = tuple(n for n in result.named if n.cause in listed)
@@ -225,14 +227,40 @@ def _of_changes(result: Result) -> Result:
     small = {n.cause: n.probability for n in every if n.cause not in told}
     if not small:
         return result
+    rest = {n for n in result.reported if n not in small}
+    less = next((s.residual for s in result.sets if {*s.causes} == rest), None)
+    if less is not None:
+        explained = tuple(c.explained for c in result.channels)
+        together = Without("", less, explained)
+        if takes_over(result.channels, together) > 1.0:
+            others = (w for w in result.without if w.name not in small)
+            note = f"{' and '.join(small)} stand for each other: what is left without one is what "
+            return replace(
+                result,
+                without=(*others, *(replace(together, name=n) for n in small)),
+                notes=(*result.notes, f"{note}is left without all of them"),
+            )
     note = ", ".join(f"{n} ({100.0 * p:.0f} %)" for n, p in small.items())
+    channels = result.channels
+    if less is not None:
+        channels = tuple(
+            replace(
+                c,
+                explained=v,
+                held_out_explained=math.nan if rest else c.held_out_calibrated,
+                fitted_explained=math.nan,
+            )
+            for c, v in zip(channels, less, strict=True)
+        )
     return replace(
         result,
-        verdict=_verdict(named, classes, result.supported, result.channels),
+        verdict=_verdict(named, classes, result.supported, channels),
+        channels=channels,
         named=named,
         classes=classes,
+        held_out_gain=result.held_out_gain if less is None else None,
         apart=tuple(result.apart[k] for k in kept),
-        reported=tuple(n for n in result.reported if n not in small),
+        reported=tuple(n for n in result.reported if n not in small or less is None),
         notes=(*result.notes, f"Probable, but takes away less than what matters: {note}"),
     )
 
