@@ -53,6 +53,19 @@ def test_the_ratio_of_a_coupling_follows_from_the_rates(rates, ratio):
     assert (model._coupled.assumed, model._coupled.untold) == ((), ())
 
 
+def test_forces_between_bodies_that_travel_in_mm_are_accelerations():
+    """An inertia in kg times an acceleration in mm/s^2 would be told in N, and is in mN."""
+
+    def rates(t, x, u, p):
+        inner = p.k * (x.a - x.b)
+        return x.v, (1000.0 * u.f - inner) / p.m, x.w, inner / p.n
+
+    states = {"a": "mm", "v": "mm/s", "b": "mm", "w": "mm/s"}
+    _, (found,) = couplings(rates, states, CARTS)
+    assert (found.unit, found.first.inertia) == ("mm/s^2", None)
+    assert found.second.inertia == pytest.approx(1.5)  # n / m
+
+
 def test_a_ratio_that_the_rates_do_not_tell_is_assumed_for_equal_units_and_printed():
     def rates(t, x, u, p):
         inner = p.k * (x.a - x.b)

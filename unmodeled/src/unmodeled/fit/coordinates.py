@@ -28,6 +28,15 @@ def force_unit(travel: str, inertia: object) -> str:
     return "N m" if same_unit(travel, "rad") else "N"
 
 
+def has_si_forces(travel: str) -> bool:
+    """Whether an inertia in SI times an acceleration is a force in SI: not for a travel in mm."""
+    try:
+        factor, si = to_si(travel)
+    except InvalidParameter:
+        return False
+    return factor == 1.0 or same_unit(si, "rad")
+
+
 @checked
 class Named:
     """Values by name: ``x.q`` or ``x["q"]``; arrays with one entry per job, (B,)."""

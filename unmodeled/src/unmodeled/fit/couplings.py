@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.fit.coordinates import Coordinate, Coupling, force_unit
+from unmodeled.fit.coordinates import Coordinate, Coupling, force_unit, has_si_forces
 from unmodeled.units import same_unit
 
 Values = Mapping[str, Array]
@@ -77,7 +77,9 @@ def couplings_in(
     for one, other in itertools.combinations(coordinates, 2):
         with np.errstate(all="ignore"):
             pair = _pair(one, other, between, tabulated, varied)
-            if not pair.ways or (inertias := _inertias(pair, tabulated, masses)) is None:
+            plain = all(has_si_forces(c.travel_unit) for c in (one, other))
+            known = masses if plain else {}
+            if not pair.ways or (inertias := _inertias(pair, tabulated, known)) is None:
                 continue
             ratio, told = (pair.ratio, True) if pair.position else _ratio(pair, tabulated, varied)
         name = f"between {pair.first.name} and {pair.second.name}"

@@ -15,8 +15,15 @@ from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.batch import sensitivities, simulated
-from unmodeled.fit.coherent import Coherent
-from unmodeled.fit.coordinates import Coordinate, Coupling, Named, Rate, force_unit, values_of
+from unmodeled.fit.coordinates import (
+    Coordinate,
+    Coupling,
+    Named,
+    Rate,
+    force_unit,
+    has_si_forces,
+    values_of,
+)
 from unmodeled.fit.couplings import STEP, Found, Slopes, Values, couplings_in
 from unmodeled.fit.model import (
     BETWEEN,
@@ -121,14 +128,9 @@ class Equations(Model):
         self.name = name
         given = stated(rates, parameters, unknown, bounds, name)
         self._states = states_of(states)
-        known = inputs if isinstance(inputs, Mapping) else {}
-        coherent = Coherent(rates, self._states, known, outputs, given)
-        if coherent.as_stated:
-            given = stated(rates, parameters, unknown, bounds, name, convert=False)
-        rates, outputs = coherent.rates, coherent.outputs
         self.parameters, neutral, self._unsized = given.parameters, given.neutral, given.unsized
         self.converted = given.converted
-        self._converted = tuple(filter(None, (*given.notes, coherent.note)))
+        self._converted = given.notes
         self._rates = with_unknown(rates, neutral)
         self.effects = tuple(by_rates(rates, e, neutral) for e in given.effects)
         self._unscaled = isinstance(states, Mapping)
@@ -834,9 +836,7 @@ def _travel_unit(speed: str) -> str:
 def _coordinate(position: State | None, speed: State, inertias: Sequence[str]) -> Coordinate:
     """Coordinate of two states, or of a speed; with one inertia, forces on it are forces."""
     unit = position.unit if position else _travel_unit(speed.unit)
-    # With an inertia in kg, a force is in newtons only where the travel is in meters.
-    plain = _same_kind(unit, "rad") or to_si(unit)[0] == 1.0
-    inertia = inertias[0] if len(inertias) == 1 and plain else None
+    inertia = inertias[0] if len(inertias) == 1 and has_si_forces(unit) else None
     return Coordinate(
         name=(position or speed).name,
         position=position.name if position else "",

@@ -103,14 +103,12 @@ def stated(
     unknown: Unknowns,
     bounds: Bounds,
     model: str,
-    convert: bool = True,
 ) -> Stated:
     """Parameters and unknown effects of a function, converted to the units that it wants.
 
     A stated unit is the unit of the number, and of its bounds. The function gets SI units, except
     where its attribute ``units``, by name, has another unit. Its attribute ``values`` has values
-    that need not be stated, and ``limits`` has bounds, both in the units that it gets. ``convert``:
-    False: it gets the units that are stated.
+    that need not be stated, and ``limits`` has bounds, both in the units that it gets.
 
     Raises
     ------
@@ -126,7 +124,7 @@ def stated(
                 f"model {model}: bounds of {name}, which is no parameter{near_names(name, names)}; "
                 f"there are {', '.join(names) or 'none'}"
             )
-    reader = _Reader(function, bounds or {}, convert)
+    reader = _Reader(function, bounds or {})
     if isinstance(parameters, Mapping):
         found = [reader.parameter(n, p) for n, p in parameters.items()]
     else:
@@ -156,10 +154,7 @@ def _numbers(values: Iterable[Any]) -> bool:
 class _Reader:
     """Reads short forms into the units that a function gets."""
 
-    def __init__(
-        self, function: Callable[..., Any], bounds: Mapping[str, Any], convert: bool = True
-    ):
-        self._convert = convert
+    def __init__(self, function: Callable[..., Any], bounds: Mapping[str, Any]):
         self._units: Mapping[str, str] = getattr(function, "units", {})
         self._values: Mapping[str, float | None] = getattr(function, "values", {})
         self._limits: Mapping[str, tuple[float, float]] = getattr(function, "limits", {})
@@ -177,8 +172,6 @@ class _Reader:
     def _factor(self, name: str, unit: str) -> tuple[float, str]:
         """Factor from a stated unit to that which the function gets, and this unit."""
         wanted = self._units.get(name, "")
-        if not self._convert:
-            return 1.0, unit or "1"
         if unit in ("", "1") or unit == wanted:  # a plain number has the unit of the function
             return 1.0, wanted or "1"
         try:

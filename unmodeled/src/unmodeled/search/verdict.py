@@ -232,7 +232,7 @@ def _of_changes(result: Result) -> Result:
     if less is not None:
         explained = tuple(c.explained for c in result.channels)
         together = Without("", less, explained)
-        if takes_over(result.channels, together) > 1.0:
+        if len(small) > 1 and takes_over(result.channels, together) > 1.0:
             others = (w for w in result.without if w.name not in small)
             note = f"{' and '.join(small)} stand for each other: what is left without one is what "
             return replace(

@@ -153,13 +153,6 @@ def _products(token: str) -> list[tuple[str, ...]]:
 
 
 @checked
-def powers_of(unit: str) -> dict[str, float]:
-    """Powers of the SI base units in an accepted unit; an angle has the base rad."""
-    dims = _parse(unit)[1]
-    return {base: power for base, power in zip(_BASES, dims, strict=True) if power}
-
-
-@checked
 def dimension_text(si_unit: str) -> str:
     """Accepted forms of a quantity with the SI unit ``si_unit``, as text."""
     try:
