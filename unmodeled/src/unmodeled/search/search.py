@@ -155,9 +155,6 @@ def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> 
     all fitted records within twice their noise, a record that it misses by more than all of these
     together takes the place of one of them.
     """
-    held = predict(problem, [alone], step)[0] if problem.held_out else None
-    if held is None:
-        return problem
 
     def left(records: Sequence[Observed], residuals: Sequence[Array]) -> list[float]:
         """Mean square in units of the noise, of the channel that misses most."""
@@ -167,9 +164,13 @@ def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> 
         ]
 
     fit, out = list(problem.fit), list(problem.held_out)
-    own = left(fit, alone.residuals)
-    there = enumerate(left(out, held.residuals))
-    odd = [k for k, v in there if max(own) < 2.0**2 and v > max(sum(own), 2.0**2)]
+    own, limit = left(fit, alone.residuals), 2.0**2
+    if not out or not max(own) < limit:
+        return problem
+    held = predict(problem, [alone], step)[0]
+    if held is None:
+        return problem
+    odd = [k for k, v in enumerate(left(out, held.residuals)) if v > max(sum(own), limit)]
     for k, best in zip(odd, np.argsort(own)[:-1], strict=False):
         fit[best], out[k] = out[k], fit[best]
     return replace(problem, fit=tuple(fit), held_out=tuple(out))
