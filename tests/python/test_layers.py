@@ -111,7 +111,7 @@ PACKAGE_HOST = re.compile(
 REPLACED_WORD = re.compile(
     r"(?<![\w-])(?:nominals?|(?!fmi)\w*Nominal\w*|foresee[ns]?|foreseeing|foresight"
     r"|foretells?|foretelling|foretold|[Ss]hots?|[Nn]ats|[Uu]nknown rests?|UNKNOWN RESTS?|[Ll]ouder"
-    r"|[Aa]mended|_?Subjects?|gap_subjects|load_subject|make_shot|observe_lanes|[Ff]iner|cautions|[Cc]ooled"
+    r"|[Aa]mended|gap_subjects|load_subject|make_shot|observe_lanes|[Ff]iner|cautions|[Cc]ooled"
     r"|[Tt]wins?|[Mm]end(?:s|ed|ing)?|[Ll]uck(?:y|ily)?|[Vv]alleys?)(?![\w-])"
 )
 #: Files that tell what was replaced or what other programs say, and this one.

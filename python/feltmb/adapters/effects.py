@@ -17,10 +17,11 @@ from feltmb.adapters.changes import Entry, InputError, SensorError
 from feltmb.mechanism import MechanismFile
 from feltmb.mechanism.numbers import read_entry
 from unmodeled.arguments import checked
-from unmodeled.chain import Link, fault_of, true_value
+from unmodeled.chain import Link, fault_of, faults, true_value
 from unmodeled.data import Array, Record
 from unmodeled.fit import Effect, Parameter
 from unmodeled.fit.model import UserUnit
+from unmodeled.fit.subject import Subject
 
 
 @checked
@@ -39,14 +40,19 @@ def effect_of(
     observe: Any = None
     excite: Any = None
     data: Any = entry
+    subject: Subject | None = None
     if entry.sensor is not None:
         observe, data = observe_by(entry.sensor, outputs, channels), None
+        if entry.sensor.kind in faults():
+            subject = Subject("sensor", entry.sensor.kind, entry.sensor.channels, entry.component)
     elif entry.input is not None:
         excite, data = excite_by(entry.input), None
+        subject = Subject("input", entry.input.kind, component=entry.component)
     return Effect(
         name=entry.name,
         component=entry.component,
         label=entry.part,
+        subject=subject,
         unit=entry.unit,
         scale=entry.magnitude,
         sign=entry.sign,

@@ -9,10 +9,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from unmodeled import Report, Verdict
+from unmodeled import Effect, Report, Verdict
 from unmodeled.errors import FileExists
 from unmodeled.fit.model import UserUnit
+from unmodeled.fit.subject import Subject
 from unmodeled.library import for_force_balance
+from unmodeled.report.words import clause
 from unmodeled.search.result import (
     Cell,
     Channel,
@@ -28,6 +30,7 @@ from unmodeled.search.result import (
 from unmodeled.search.verdict import _of_changes
 
 NAN = float("nan")
+DELAY = Subject("sensor", "delay", "angle", "sensor angle")
 
 
 @pytest.fixture
@@ -37,9 +40,10 @@ def report():
         "dry friction", "arm joint", "N m", 0.0213, 0.0195, 0.0231, 0.98,
         by_record=(0.0211, 0.0216), mechanism="A constant torque acts against the motion.",
         remedy="Clean the joint.", shape=(0.01,), shape_names=("threshold speed [rad/s]",),
+        subject=Subject("coordinate", "dry friction", "", "arm joint", "dry friction"),
     )  # fmt: skip
     delay = NamedCause("delay of sensor angle", "sensor angle", "s", 0.0021, 0.0015, 0.0027, 0.6,
-                  kind="sensor")  # fmt: skip
+                  kind="sensor", subject=DELAY)  # fmt: skip
     mass = NamedCause("J", "arm", "kg m^2", 0.025, 0.024, 0.026, 0.4, parameter=True, changes="J",
                  kind="parameter")  # fmt: skip
     damping = ParameterValue("c", "The damping", "N m s/rad", 0.01, 0.004, 0.012, 0.0115, 0.0125)
@@ -517,7 +521,9 @@ def test_what_only_the_held_out_records_keep_is_told(report, explained, fitted, 
 def test_a_letter_and_a_countable_law_have_their_words(report):
     law = next(e for e in for_force_balance("q", "dq", force=1.0, travel=1.0, pace=1.0)
                if e.name == "constant force")  # fmt: skip
-    force = replace(report.named[0], cause=law.name, title=law.label, component="drive")
+    force = replace(
+        report.named[0], cause=law.name, title=law.label, component="drive", subject=law.about
+    )
     left = replace(report.without[0], name=law.name)
     first = replace(report, named=(force,), without=(left, *report.without[1:]))
     assert first.summary().startswith("The drive has a constant force of 0.0213 N m (0.0195")
@@ -534,15 +540,18 @@ def test_a_delay_says_what_is_late(report):
     said = replace(report, classes=((early, mass),)).summary()
     assert "the sensor angle is 2.0 ms (1.0 to 3.0) early" in said
     # The reading of an input is early where the machine is late.
-    pump = replace(early, cause="delay of input pump", component="input pump", kind="input")
+    of_pump = Subject("input", "delay", "pump", "input pump")
+    pump = replace(
+        early, cause="delay of input pump", component="input pump", kind="input", subject=of_pump
+    )
     said = replace(report, classes=((pump, mass),)).summary()
     assert "the input pump acts 2.0 ms (1.0 to 3.0) later than recorded" in said
     alone = replace(report, named=(replace(pump, by_record=(-0.0021, -0.0019)),), classes=())
     assert "in each record 2.1, 1.9" in alone.text().replace("\n", " ").replace("  ", " ")
-    slow = replace(sensor, cause="lag of sensor angle")
+    slow = replace(sensor, cause="lag of sensor angle", subject=replace(DELAY, fault="lag"))
     said = replace(report, classes=((slow, mass),)).summary()
     assert "the sensor angle has a lag of 2.10 ms" in said
-    drive = replace(slow, cause="lag of input pump", component="input pump", kind="")
+    drive = replace(slow, component="input pump", kind="", subject=replace(of_pump, fault="lag"))
     said = replace(report, classes=((drive, mass),)).summary()
     assert "the input pump has a lag of 2.10 ms" in said
 
@@ -559,6 +568,7 @@ def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
     gap = replace(
         report.named[0], cause="dead zone gearbox", component="gearbox",
         title="a dead zone gearbox", unit="N m/rad", magnitude=59.2, low=55.8, high=62.6,
+        subject=Subject("coordinate", "dead zone", "", "gearbox", "a dead zone"),
         by_record=(), shape=(0.00705,), shape_names=("half width [rad]",),
     )  # fmt: skip
     sets = (SetOfCauses(("dead zone gearbox",), 0.98, (0.011, 0.05), (59.2,)), *report.sets[-1:])
@@ -571,20 +581,22 @@ def test_a_dead_zone_has_its_width_in_the_first_sentence(report):
 
 
 @pytest.mark.parametrize(
-    ("title", "shape", "names", "high", "said"),
+    ("fault", "place", "shape", "names", "high", "said"),
     [
-        ("dead zone of input valve", 0.045, ("level [V]",), 1.0, "a dead zone of ±0.045 V,"),
-        ("dead zone of input valve", 0.2, ("level",), 0.6,
+        ("dead zone", "input valve", 0.045, ("level [V]",), 1.0, "a dead zone of ±0.045 V,"),
+        ("dead zone", "input valve", 0.2, ("level",), 0.6,
          "a dead zone of ±0.2, which takes away 50.0 % (40.0 to 60.0) of what is within it,"),
-        ("saturation of sensor y", ("highest", 3.0), ("end", "reading [V]"), 1.0,
+        ("saturation", "sensor y", ("highest", 3.0), ("end", "reading [V]"), 1.0,
          "a saturation above 3 V,"),
     ],
 )  # fmt: skip
 def test_what_loses_a_part_of_a_signal_is_told_by_its_level(
-    report, title, shape, names, high, said
+    report, fault, place, shape, names, high, said
 ):
+    title = f"{fault} of {place}"
     lost = replace(
-        report.named[0], cause=title, component=title.partition(" of ")[2], title="", unit="1",
+        report.named[0], cause=title, component=place, title="", unit="1",
+        subject=Subject("input", fault, "", place),
         magnitude=1.0 if high == 1.0 else 0.5, low=0.4, high=high, by_record=(), shape=shape,
         shape_names=names, kind="sensor",
     )  # fmt: skip
@@ -639,3 +651,47 @@ def test_causes_that_stand_for_each_other_are_told_if_they_matter_together(repor
     small = judged((0.0115, 0.05))
     assert (small.changes, small.named, small.held_out_gain) == ((), (), None)
     assert small.channels[0].explained == 0.0115
+
+
+#: Names of a user that look like those of the library, or like words of a report.
+NAMES = (
+    "saturation of sensor force", "dead zone of input x", "delay of the sensor", "worn_arm joint",
+    "odd zero in each record", "lag of sensor angle", "the of", " of ", "arm joint", "clock",
+    "between arm joint and arm joint", "in rec2", "half width [m]", "%s {which}", "of sensor ",
+)  # fmt: skip
+SHAPES = ((None, ()), (0.3, ("half width [m]",)), (("highest", 2.0), ("end", "reading")))
+
+
+def _fuzzed(report, count):
+    rng = np.random.default_rng(5)
+    kinds = ("force", "kinematic", "state", "parameter", "sensor", "input", "drift")
+    for _ in range(count):
+        name, component, label = (rng.choice([*NAMES, "x"]) for _ in range(3))
+        shape, names = SHAPES[rng.integers(len(SHAPES))]
+        kind = kinds[rng.integers(len(kinds))]
+        own = Effect(name=name, component=component, label=rng.choice(["", label]), kind=kind)
+        cause = replace(
+            report.named[0], cause=own.name, component=own.component, kind=own.kind,
+            title=own.label, subject=own.about, shape=shape, shape_names=names,
+        )  # fmt: skip
+        left = (replace(report.without[0], name=own.name), *report.without[1:])
+        yield own, replace(report, named=(cause,), classes=(), without=left)
+
+
+@pytest.mark.parametrize("count", [20, pytest.param(500, marks=pytest.mark.slow)])
+def test_the_name_of_an_effect_of_a_user_is_never_read(report, count):
+    for own, found in _fuzzed(report, count):
+        said, told = clause(found.changes[0]), own.about.label or own.name
+        assert told in said or told[:1].lower() + told[1:] in said, (own.name, own.label, said)
+        said = said.replace(told, "").replace(told[:1].lower() + told[1:], "")
+        said = said.replace(own.component, "")
+        for word in (" late", " early", "recorded", "between the records", "takes away", "lag of"):
+            assert word not in said, (own.name, own.label, said)
+        assert own.name.strip() in found.to_json()
+        assert found.text()
+
+
+def test_the_part_is_no_piece_of_a_word():
+    worn = Effect(name="worn_spring", component="spring").about
+    assert worn.label == ""  # the effect worn_spring has a size of
+    assert Effect(name="drag of cart", component="cart").about.label == "drag"

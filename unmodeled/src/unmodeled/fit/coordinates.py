@@ -184,6 +184,8 @@ class Coupling:
     """Position per value of this state: 1 / stiffness for a state that is the force of a spring."""
     speed: str = ""
     """Empty: no state is its speed."""
+    found: bool = False
+    """Whether it was found in a model that does not state it, and its name tells what it joins."""
 
     @property
     def travel_unit(self) -> str:

@@ -94,6 +94,7 @@ def couplings_in(
         found.append(
             Coupling(
                 name=name,
+                found=True,
                 first=parts[0],
                 second=parts[1],
                 ratio=ratio,

@@ -24,6 +24,7 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, write_text
 from unmodeled.fit.calling import Means
 from unmodeled.fit.coordinates import Coordinate, Coupling
+from unmodeled.fit.subject import Subject, subject_of
 from unmodeled.lazy import lazy_import
 
 #: Component name of parameters of the interpolation of inputs between samples.
@@ -177,6 +178,8 @@ class Effect:
     label: str = ""
     """Name for people, with its article: what is added ("dry friction", "a dead zone"), or what
     changes ("the stiffness of the spring"); default: the name without the component."""
+    subject: Subject | None = None
+    """What it is about; default: its label and component."""
     remedy: str = ""
     """Recommended remedy."""
     lower: float = -math.inf
@@ -218,6 +221,11 @@ class Effect:
             faults.append(f"weight = {self.weight!r}, expected > 0")
         if faults:
             raise InvalidParameter(f"effect {self.name}: " + "; ".join(faults))
+
+    @property
+    def about(self) -> Subject:
+        """What it is about: nothing else tells a report or a search which law it is."""
+        return self.subject or subject_of(self.name, self.component, self.label)
 
     @property
     def bounds(self) -> tuple[float, float]:

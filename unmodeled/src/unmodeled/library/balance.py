@@ -144,7 +144,7 @@ def _in_balance(effect: Effect, place: Coordinate, sign: float) -> Effect:
 
     return replace(
         effect,
-        name=effect.name.removesuffix(f" {place.name}"),
+        name=effect.about.fault or effect.name,
         rate=None,
         hidden=(),
         regressor=regressor,

@@ -9,7 +9,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.fit import Effect, Named, State
-from unmodeled.library.forces import Part, Scales, product
+from unmodeled.library.forces import Part, Scales, on, product
 
 #: Largest stretch, in typical travels: a law that softens while it loads would grow without end.
 LONGEST = 20.0
@@ -44,9 +44,9 @@ def bouc_wen(c: Part, *, scale: float, travel: float) -> Effect:
         change = v - beta * np.abs(v) * z - gamma * v * np.abs(z)
         return {**c.push(-size * z, t, x, u, p), "bouc_wen.stretch": change}
 
-    return Effect(
-        name=f"Bouc-Wen hysteresis {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "Bouc-Wen hysteresis",
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=scale,
         sign=1,

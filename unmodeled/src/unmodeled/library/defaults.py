@@ -92,10 +92,9 @@ def chosen_effects(
 
 def _note(kept: Sequence[Effect], out: Sequence[str], records: Sequence[Record]) -> str:
     """Note about the choice of effects; ``out``: those that are left out."""
-    counted = Counter(e.component for e in kept)
+    counted = Counter((e.component, e.about.kind == "between") for e in kept)
     listed = ", ".join(
-        f"{count} {'' if part.startswith('between ') else 'of '}{part}"
-        for part, count in counted.items()
+        f"{count} {'' if between else 'of '}{part}" for (part, between), count in counted.items()
     )
     left = f"; left out: {', '.join(out)}" if out else ""
     names = ", ".join(dict.fromkeys(r.name for r in records))

@@ -15,6 +15,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.fit import Coordinate, Coupling, Effect, Named, State
+from unmodeled.fit.subject import Subject, SubjectKind
 
 #: Coordinate or coupling of two coordinates: the place of a force effect.
 Part = Coordinate | Coupling
@@ -43,6 +44,25 @@ def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
     return rate
 
 
+def on(c: Part, law: str, label: str = "", **fields: Any) -> Effect:
+    """Effect of a law on a coordinate or a coupling.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    law
+        Name of the law.
+    label
+        What is added, with its article; default: the name of the law.
+    fields
+        Other fields of the effect.
+    """
+    kind: SubjectKind = "between" if isinstance(c, Coupling) and c.found else "coordinate"
+    about = Subject(kind, law, component=c.name, label=label or law)
+    return Effect(name=f"{law} {c.name}", component=c.name, label=label, subject=about, **fields)
+
+
 def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
     """Coulomb friction F = F_c tanh(v / v_0), v_0 a hundredth of the typical speed or less.
 
@@ -55,9 +75,9 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
     speed
         Typical speed, from which values of the threshold speed follow.
     """
-    return Effect(
-        name=f"dry friction {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "dry friction",
         unit=c.unit,
         scale=scale,
         sign=1,
@@ -81,9 +101,9 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
     speed
         Typical speed, from which values of the threshold speed follow.
     """
-    return Effect(
-        name=f"one-sided friction {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "one-sided friction",
         unit=c.unit,
         scale=scale,
         mechanism="Dry friction is stronger in one direction than in the other.",
@@ -106,9 +126,9 @@ def dry_friction_along(c: Part, *, scale: float, speed: float) -> Effect:
     speed
         Typical speed, from which the threshold speed follows.
     """
-    return Effect(
-        name=f"friction along the travel {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "friction along the travel",
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=scale,
         mechanism="Dry friction changes along the guide.",
@@ -136,9 +156,9 @@ def load_friction(c: Part, load: str, *, speed: float) -> Effect:
         _, v = c.motion(x)
         return c.push(-size * np.abs(u[load]) * np.tanh(v / v0), t, x, u, p)
 
-    return Effect(
-        name=f"friction by {load} {c.name}",
-        component=c.name,
+    return on(
+        c,
+        f"friction by {load}",
         scale=0.05,
         sign=1,
         mechanism=f"Friction grows with the load {load} that is transmitted.",
@@ -161,9 +181,9 @@ def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
     speed
         Typical speed, from which values of the Stribeck speed follow.
     """
-    return Effect(
-        name=f"Stribeck friction {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "Stribeck friction",
         unit=c.unit,
         scale=scale,
         sign=1,
@@ -180,9 +200,9 @@ def static_friction(c: Part, *, scale: float, speed: float) -> Effect:
 
 def viscous_friction(c: Part, *, scale: float) -> Effect:
     """F = d v."""
-    return Effect(
-        name=f"viscous friction {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "viscous friction",
         unit=product((c.unit, 1), ("s", 1), (c.travel_unit, -1)),
         scale=scale,
         mechanism="A force in proportion to the speed acts against the motion.",
@@ -193,9 +213,9 @@ def viscous_friction(c: Part, *, scale: float) -> Effect:
 
 def quadratic_friction(c: Part, *, scale: float) -> Effect:
     """``F = c v |v|``: drag of air or of a turbulent fluid."""
-    return Effect(
-        name=f"quadratic friction {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "quadratic friction",
         unit=product((c.unit, 1), ("s", 2), (c.travel_unit, -2)),
         scale=scale,
         sign=1,
@@ -218,9 +238,9 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
         Coefficient that one would expect.
     """
     name = {1: "linear", 2: "quadratic", 3: "cubic", 5: "quintic"}.get(power, f"power-{power}")
-    return Effect(
-        name=f"{name} stiffness {c.name}",
-        component=c.name,
+    return on(
+        c,
+        f"{name} stiffness",
         unit=product((c.unit, 1), (c.travel_unit, -power)),
         scale=scale,
         mechanism=f"The spring has a part that grows with the power {power} of the displacement.",
@@ -244,10 +264,10 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
     travel
         Typical displacement, from which values of b follow.
     """
-    return Effect(
-        name=f"dead zone {c.name}",
-        label="backlash" if isinstance(c, Coupling) else "a dead zone",
-        component=c.name,
+    return on(
+        c,
+        "dead zone",
+        "backlash" if isinstance(c, Coupling) else "a dead zone",
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=0.3 * stiffness,
         sign=1,
@@ -278,10 +298,10 @@ def end_stop(c: Part, *, stiffness: float, travel: float) -> Effect:
         side, level = shape
         return side * np.maximum(side * q - level, 0.0)
 
-    return Effect(
-        name=f"end stop {c.name}",
-        label="an end stop",
-        component=c.name,
+    return on(
+        c,
+        "end stop",
+        "an end stop",
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=stiffness,
         sign=1,
@@ -327,9 +347,9 @@ def hysteresis(c: Part, *, scale: float, travel: float) -> Effect:
             "hysteresis.slip": _slip_rate(deflection, v, n),
         }
 
-    return Effect(
-        name=f"hysteresis {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "hysteresis",
         unit=c.unit,
         scale=scale,
         sign=1,
@@ -371,10 +391,10 @@ def damper_clearance(c: Part, *, damping: float, travel: float) -> Effect:
         slip = _slip_rate((q - x["clearance.slip"]) / b, v, CLEARANCE_SHARPNESS)
         return {**c.push(size * damping * (v - slip), t, x, u, p), "clearance.slip": slip}
 
-    return Effect(
-        name=f"clearance of damper {c.name}",
-        label="a clearance of the damper",
-        component=c.name,
+    return on(
+        c,
+        "clearance of damper",
+        "a clearance of the damper",
         unit="1",
         scale=0.5,
         sign=1,
@@ -408,9 +428,9 @@ def creep(c: Part, *, scale: float, travel: float, times: Sequence[float]) -> Ef
         stretch = c.motion(x)[0] - x["creep.stretch"]
         return {**c.push(-size * stretch, t, x, u, p), "creep.stretch": stretch / tau}
 
-    return Effect(
-        name=f"creep {c.name}",
-        component=c.name,
+    return on(
+        c,
+        "creep",
         unit=product((c.unit, 1), (c.travel_unit, -1)),
         scale=scale,
         sign=1,
@@ -426,10 +446,10 @@ def creep(c: Part, *, scale: float, travel: float, times: Sequence[float]) -> Ef
 
 def offset_force(c: Part, *, scale: float) -> Effect:
     """A constant force: gravity, preload, offset of the drive."""
-    return Effect(
-        name=f"constant force {c.name}",
-        label="a constant force",
-        component=c.name,
+    return on(
+        c,
+        "constant force",
+        "a constant force",
         unit=c.unit,
         scale=scale,
         mechanism="A constant force acts that the model lacks.",

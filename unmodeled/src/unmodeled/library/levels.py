@@ -11,6 +11,12 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import Effect, Named, State
+from unmodeled.fit.subject import Subject
+
+
+def _on(state: str, name: str, label: str, **fields: Any) -> Effect:
+    about = Subject("state", label, state, state, label)
+    return Effect(name=name, component=state, label=label, subject=about, **fields)
 
 
 @checked
@@ -42,10 +48,10 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
             change[into] = share * loss
         return change
 
-    return Effect(
-        name=f"overflow {state}",
-        label="an overflow",
-        component=state,
+    return _on(
+        state,
+        f"overflow {state}",
+        "an overflow",
         unit="1/s",
         scale=rate_scale,
         sign=1,
@@ -61,10 +67,10 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
 @checked
 def leak(state: str, *, scale: float) -> Effect:
     """A loss proportional to the state."""
-    return Effect(
-        name=f"leak {state}",
-        label="a leak",
-        component=state,
+    return _on(
+        state,
+        f"leak {state}",
+        "a leak",
         unit="1/s",
         scale=scale,
         mechanism="The store loses in proportion to its level.",
@@ -88,10 +94,10 @@ def power_outflow(state: str, power: float, *, scale: float, unit: str) -> Effec
     unit
         Unit of the magnitude: with the unit m of the state and power 2, ``1/(m s)``.
     """
-    return Effect(
-        name=f"loss ~ {state}^{power:g}",
-        label=f"a loss ~ {state}^{power:g}",
-        component=state,
+    return _on(
+        state,
+        f"loss ~ {state}^{power:g}",
+        f"a loss ~ {state}^{power:g}",
         unit=unit,
         scale=scale,
         mechanism=f"The store loses with the power {power:g} of its level.",
@@ -137,10 +143,10 @@ def exchange(
         return {state: -size * np.sign(difference) * np.abs(difference) ** power}
 
     law = "" if power == 1.0 else f"^{power:g}"
-    return Effect(
-        name=f"exchange ~ ({state} - {ambient}){law}",
-        label=f"an exchange ~ ({state} - {ambient}){law}",
-        component=state,
+    return _on(
+        state,
+        f"exchange ~ ({state} - {ambient}){law}",
+        f"an exchange ~ ({state} - {ambient}){law}",
         unit=unit,
         scale=scale,
         mechanism=f"{state} approaches {ambient} at a rate ~ |{state} - {ambient}|{law}.",
@@ -162,10 +168,10 @@ def constant_rate(state: str, *, scale: float, unit: str) -> Effect:
     unit
         Unit of the rate of the state, for example ``m/s``.
     """
-    return Effect(
-        name=f"constant inflow {state}",
-        label="a constant inflow",
-        component=state,
+    return _on(
+        state,
+        f"constant inflow {state}",
+        "a constant inflow",
         unit=unit,
         scale=scale,
         mechanism="Something flows in (or out) all the time.",
@@ -194,10 +200,10 @@ def second_store(state: str, *, scale: float, size: float, times: Sequence[float
         apart = x[state] - x["store.level"]
         return {state: -size * apart, "store.level": apart / tau}
 
-    return Effect(
-        name=f"second store {state}",
-        label="a second store",
-        component=state,
+    return _on(
+        state,
+        f"second store {state}",
+        "a second store",
         unit="1/s",
         scale=scale,
         sign=1,

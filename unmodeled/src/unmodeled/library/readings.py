@@ -11,6 +11,7 @@ from unmodeled.arguments import checked
 from unmodeled.chain import Fault, Link, Signal, fault_of, faults
 from unmodeled.data import Array, Record
 from unmodeled.fit import Effect
+from unmodeled.fit.subject import Subject, SubjectKind
 
 
 @checked
@@ -101,12 +102,14 @@ def input_fault(
 
 
 def _effect(fault: Fault, signal: Signal, fields: Mapping[str, Any]) -> Effect:
-    what = "input" if signal.is_input else "sensor"
+    what: SubjectKind = "input" if signal.is_input else "sensor"
+    place = f"{what} {signal.name}"
     texts = fault.input if signal.is_input else fault.sensor
     about = dict(zip(("mechanism", "remedy"), texts or (), strict=False))
     own: dict[str, Any] = {
-        "name": f"{fault.name} of {what} {signal.name}",
-        "component": f"{what} {signal.name}",
+        "name": f"{fault.name} of {place}",
+        "component": place,
+        "subject": Subject(what, fault.name, signal.name, place),
         "unit": fault.unit or signal.unit,
     }
     return Effect(**{**own, **about, **fault.fields(signal), **fields})
@@ -121,6 +124,7 @@ def clock_rate() -> Effect:
     return Effect(
         name="clock of the sensors",
         component="clock",
+        subject=Subject("clock", "clock", component="clock"),
         kind="sensor",
         observe=Link(fault_of("clock")),
         scale=0.01,

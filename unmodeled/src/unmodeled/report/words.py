@@ -127,32 +127,33 @@ def _clause(c: Change) -> str:
     be, has, differs, acts = ("is", "has", "differs", "acts")
     if not sure:
         be, has, differs, acts = ("may be", "may have", "may differ", "may act")
-    fault, _, place = c.title.partition(" of ")
+    about = c.subject
+    fault, place = about.fault, about.component
+    what = f"the {fault} of {place}" if about.of_signal else "the clock of the sensors"
     if len(c.records) == len(c.by_record) > 1:
-        what = _with_article(c.title.removesuffix(" in each record"))
         return f"{what} {differs} between the records: {_by_record(c)}"
-    if fault in LOST and place.startswith(("sensor ", "input ")):
+    if about.of_signal and fault in LOST:
         return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
-    if fault == "lag" and place.startswith(("sensor ", "input ")) and " in " not in place:
+    if about.of_signal and fault == "lag":
         return f"the {place} {has} a lag of {size}"
-    if c.kind in ("sensor", "input"):
+    if about.of_signal or about.kind == "clock":
         if sign := sign_of_delay(c):
             least, most = sorted((sign * c.low, sign * c.high))
             of, name, low, high = _numbers(abs(c.size), least, most, c.unit, relative=False)
             size = f"{of}{name} ({low} to {high})"
-            if c.kind == "input":
+            if about.kind == "input":
                 return (
                     f"the {place} {acts} {size} {'earlier' if sign > 0 else 'later'} than recorded"
                 )
             return f"the {place} {be} {size} {'late' if sign > 0 else 'early'}"
-        return f"{_with_article(c.title)} {be} off by {size}"
-    thing = c.title[:1].lower() + c.title[1:] if c.title[:4].lower() == "the " else ""
+        return f"{what} {be} off by {size}"
+    told = c.title if c.kind == "parameter" else about.label
+    thing = told[:1].lower() + told[1:] if told[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:
-        what = c.title.removesuffix(c.component).strip().removesuffix(" of")
-        between = c.component.startswith("between ")  # two bodies
-        if not what:  # a parameter of the user's function that is an effect
+        what, between = about.label, about.kind == "between"
+        if not what or not c.component:  # only its name tells what it is
             return f"the effect {c.title} {has} a size of {size}"
-        if c.shape_names and c.shape_names[0].startswith("half width ["):
+        if about.fault == "dead zone":
             width = size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
             if between:
                 return (
@@ -214,8 +215,9 @@ def sign_of_delay(c: Change) -> float:
 
     The reading is late by the size: if that of an input is early, the machine acts later.
     """
-    told = c.kind in ("sensor", "input") and c.title.startswith("delay of ")
-    return math.copysign(1.0, c.size) if told and " in " not in c.title else 0.0
+    about = c.subject
+    told = about.of_signal and about.fault == "delay" and not about.scope.each
+    return math.copysign(1.0, c.size) if told else 0.0
 
 
 def _with_article(name: str) -> str:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array, Record
 from unmodeled.fit.model import Candidate, Effect, Model
+from unmodeled.fit.subject import Scope, Subject, SubjectKind
 
 #: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
 RELEASED = 5.0
@@ -69,6 +70,18 @@ class Cause:
     """Log of the prior odds that it exists."""
     alias: Effect | None = None
     """Effect that changes the same number as the parameter, and whose name the cause has."""
+    channel: str = ""
+    """Channel of the error of each record."""
+
+    @property
+    def subject(self) -> Subject:
+        """What it is about."""
+        if (words := self.effect or self.alias) is not None:
+            return words.about
+        if self.local is None:
+            return Subject("parameter", component=self.component)
+        kind: SubjectKind = "sensor" if self.channel else "clock"
+        return Subject(kind, self.local.kind, self.channel, self.component, scope=Scope(each=True))
 
     @property
     def of_records(self) -> bool:

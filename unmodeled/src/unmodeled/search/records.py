@@ -212,6 +212,7 @@ def _errors(
     """Errors of the records that every diagnosis considers, unless the list or a sheet has them."""
     rms, found = spread(records), []
     listed = {e.name for e in effects}
+    by_subject = {(e.about.kind, e.about.fault, e.about.channel) for e in effects}
     if model.accepts(clock) and clock.name not in listed:
         found.append(Cause(clock.name, clock.component, clock))
     stated = {(q.kind, c) for o in records for q in o.local for c in q.channels}
@@ -224,12 +225,12 @@ def _errors(
         if len(records) < 2 or rms[c] == 0.0:
             continue
         for fault in (f for f in faults().values() if f.each and (f.name, c) not in stated):
-            if not (fault.always or f"{fault.name} of sensor {name}" in listed):
+            if not (fault.always or ("sensor", fault.name, name) in by_subject):
                 continue
             scale = {"": SHARE * float(rms[c]), "s": interval}.get(fault.unit, SHARE)
             label = f"{fault.name} of sensor {name} in each record"
             local = Local(fault.name, c, 0.0, scale, channels=(c,))
-            found.append(Cause(label, f"sensor {name}", local=local))
+            found.append(Cause(label, f"sensor {name}", local=local, channel=name))
     return found
 
 

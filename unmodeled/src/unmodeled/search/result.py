@@ -18,6 +18,7 @@ import numpy as np
 from unmodeled.arguments import AnyNumber, checked
 from unmodeled.data import Array
 from unmodeled.fit.model import UserUnit
+from unmodeled.fit.subject import NOTHING, Subject
 
 __all__ = [
     "OUTCOMES",
@@ -168,6 +169,7 @@ class ParameterValue:
             changes=self.name,
             kind="parameter",
             user_unit=self.user_unit,
+            subject=Subject("parameter"),
         )
 
     @property
@@ -206,6 +208,8 @@ class NamedCause:
     relative: bool = False
     """Whether the magnitude is a share of a number of the model."""
     user_unit: UserUnit | None = None
+    subject: Subject = NOTHING
+    """What it is about; the report makes its sentences from it."""
 
 
 @dataclass(frozen=True)
@@ -297,6 +301,8 @@ class Change:
     """Names of these records, if the change is an error that each record has by itself."""
     mechanism: str = ""
     remedy: str = ""
+    subject: Subject = NOTHING
+    """What it is about."""
     equivalents: tuple[Change, ...] = ()
     """Changes that fit as well."""
 
@@ -506,7 +512,8 @@ class Result:
             shape=n.shape,
             shape_names=n.shape_names,
             by_record=n.by_record,
-            records=self.records if n.cause.endswith(" in each record") else (),
+            records=self.records if n.subject.scope.each else (),
+            subject=n.subject,
             mechanism=n.mechanism,
             remedy=n.remedy,
         )

@@ -734,6 +734,7 @@ def _named(
         title="" if words is None else words.label,
         relative=words is not None and words.relative,
         user_unit=None if effect is not None else _user_unit(p, found.alias),
+        subject=found.subject,
     )
 
 
@@ -797,6 +798,7 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
         mechanism=f"The sensor has another {fault.each[0]} in each record.",
         remedy=fault.each[1],
         kind="sensor",
+        subject=found.subject,
     )
 
 
