@@ -234,6 +234,7 @@ def load_model(
     *,
     parameters: Mapping[str, Any] | None = None,
     unknown: Mapping[str, Any] | None = None,
+    running: Mapping[str, Any] | None = None,
     notify: Callable[[str], None] | None = None,
 ) -> LoadedModel:
     """Model by the path of a file, or by a name that an extension knows.
@@ -255,6 +256,9 @@ def load_model(
         Channels of a model of an extension that are required in addition to its default ones.
     parameters, unknown
         As for :class:`unmodeled.Simulator`, for functions, FMUs and MuJoCo models.
+    running
+        Further arguments of :func:`unmodeled.mujoco` (``key``, ``settle``, ``hold``) or
+        :func:`unmodeled.fmu` (``hold``).
     notify
         Function that receives sentences about assumptions.
 
@@ -266,17 +270,23 @@ def load_model(
     from unmodeled.fit import fmu, mujoco
     from unmodeled.fit.model import Origin
 
-    parameters, unknown = parameters or {}, unknown or {}
+    parameters, unknown, running = parameters or {}, unknown or {}, running or {}
     stem, _, attribute = name.partition(".py:")
     path = Path(f"{stem}.py" if attribute else name)
     kind = path.suffix.lower()
     if settings and kind in (".py", ".fmu", *MJCF):
         raise InvalidParameter(f"{name}: has no settings (--set), because it is a {kind} file")
+    known_here = ("key", "settle", "hold") if kind in MJCF else ("hold",) * (kind == ".fmu")
+    if wrong := [f"--{n}" for n in running if n not in known_here]:
+        raise InvalidParameter(
+            f"{name}: got {', '.join(wrong)}, which belongs to a MuJoCo model"
+            f"{' or an FMU' if '--hold' in wrong else ''}"
+        )
     if kind == ".py":
         return _from_file(path, attribute, parameters, unknown)
     if kind in (".fmu", *MJCF):
         make = fmu if kind == ".fmu" else mujoco
-        model = make(path, parameters=parameters, unknown=unknown or None)
+        model = make(path, parameters=parameters, unknown=unknown or None, **running)
         return LoadedModel(model, default=True)
     for extension in extensions():
         loaded = extension.load(name, settings or {}, channels, notify)

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.shell_completion import CompletionItem
@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 from unmodeled.cli import completing
 from unmodeled.cli.options import (
     Number,
+    Quantity,
     argument,
     count,
     fields_of,
@@ -116,7 +117,7 @@ READING = fields_of(
 
 @dataclass(frozen=True)
 class StatedOptions:
-    """Parameters of a model and effects that are its parameters, from the command line."""
+    """Parameters of a model, effects that are its parameters, and how its runs start."""
 
     parameter: tuple[str, ...] = option(
         "Fitted parameter of a function, an FMU or a MuJoCo model with its standard deviation, "
@@ -128,6 +129,27 @@ class StatedOptions:
         "NAME=SIZE, its expected size, such as friction=0.3N.",
         metavar="NAME=UNIT",
     )
+    key: str = option(
+        "Keyframe of a MuJoCo model in which records start. Default: measured joints start where "
+        "their first samples are, the others as in the nearest keyframe.",
+        metavar="KEYFRAME",
+        default="",
+    )
+    settle: float = option(
+        "Time before a record with its first inputs, for a MuJoCo model, such as 2s.",
+        Quantity("s", 0.0),
+        default=0.0,
+    )
+    hold: Literal["linear", "zero"] | None = option(
+        "Inputs of a MuJoCo model or an FMU between samples: linear, or constant (zero). Default: "
+        "constant for MuJoCo, linear for an FMU."
+    )
+
+    @property
+    def running(self) -> dict[str, Any]:
+        """Given options of :func:`unmodeled.mujoco` and :func:`unmodeled.fmu` about its runs."""
+        own = {"key": self.key, "settle": self.settle, "hold": self.hold}
+        return {name: value for name, value in own.items() if value}
 
     @property
     def parameters(self) -> dict[str, tuple[float | None, float, str]]:
@@ -275,13 +297,14 @@ def load_named(
     stated: StatedOptions | None = None,
 ) -> LoadedModel:
     """Model of the command line, see :func:`unmodeled.loading.load_model`."""
-    stated = stated or StatedOptions((), ())
+    stated = stated or StatedOptions((), (), "", 0.0, None)
     return load_model(
         name,
         pairs("--set", settings, "PATH=VALUE"),
         channels,
         parameters=stated.parameters,
         unknown=stated.causes,
+        running=stated.running,
         notify=complain,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -12,12 +12,30 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
-from unmodeled.errors import InvalidParameter, near_names, which_column
+from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
-from unmodeled.fit.mjcf_changes import controls
+from unmodeled.fit.mjcf_changes import controls, place_of_payload
 from unmodeled.fit.mjcf_runs import Mjcf
-from unmodeled.fit.model import Candidate, Origin, Ready
+from unmodeled.fit.mjcf_start import (
+    POSITION,
+    VELOCITY,
+    begun_records,
+    measured_joints,
+    nearest,
+    poses,
+    scale_of,
+    starts_of,
+    unit_of_start,
+)
+from unmodeled.fit.model import (
+    Candidate,
+    Effect,
+    Origin,
+    Ready,
+    State,
+    start_in,
+)
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
 
@@ -31,6 +49,7 @@ class MujocoModel(Simulator):
 
     mjcf: Mjcf
     """The function, which makes changed models with ``mjcf.patched``."""
+    _starts: tuple[State, ...] = ()
 
     def matched(self, records: Sequence[Record]) -> Ready:
         """See :class:`~unmodeled.fit.Model`.
@@ -56,11 +75,65 @@ class MujocoModel(Simulator):
         return super().matched(records)
 
     def ready(self, records: Sequence[Record]) -> Ready:
-        """See :class:`~unmodeled.fit.Model`: the error of the time step is a note."""
+        """See :class:`~unmodeled.fit.Model`: starts and the error of the time step are notes."""
         if self._ready or any(self._open):
             return super().ready(records)
-        ready = super().ready(records)
-        return replace(ready, notes=(*ready.notes, *self._time_step(records[0])))
+        names = {n for r in records for n in r.outputs}
+        joints = measured_joints(self.mjcf.model, [n for n in self.outputs if n in names])
+        if self.mjcf.key or self.mjcf.settle or not joints:
+            ready = super().ready(records)
+            return replace(ready, notes=(*ready.notes, *self._time_step(records[0])))
+        known = poses(self.mjcf.model, [j + k for j in joints for k in (POSITION, VELOCITY)])
+        measured = [starts_of(r, joints) for r in records]
+        model = self._in_pose(known, joints, records, nearest(measured, known))
+        ready = super(MujocoModel, model).ready(records)
+        begun, moved = begun_records(ready.model, ready.records, joints, measured)
+        told = (*model._told(moved, joints), *ready.notes, *model._time_step(begun[0]))
+        return replace(ready, records=begun, notes=told)
+
+    def _in_pose(
+        self,
+        known: Mapping[str, Mapping[str, float]],
+        joints: Mapping[str, Mapping[str, str]],
+        records: Sequence[Record],
+        key: str,
+    ) -> MujocoModel:
+        """The model whose runs start in a keyframe, unless a record states another start."""
+        out = copy.copy(self)
+        out.mjcf = out.function = copy.copy(self.mjcf)
+        out.mjcf.key = key
+        out._runner = out._new_runner()
+        out._starts = tuple(
+            State(
+                name=name,
+                unit=unit_of_start(self.mjcf.model, name),
+                scale=scale_of(records, joints, name),
+                start=at,
+                start_sd=0.0,
+            )
+            for name, at in known[key].items()
+        )
+        return out
+
+    def _told(self, moved: Sequence[str], joints: Iterable[str]) -> tuple[str, ...]:
+        """A note about the starts. ``moved``: records that do not start in the pose."""
+        pose = f"keyframe {self.mjcf.key}" if self.mjcf.key else "the pose of the file"
+        if not moved:
+            return (f"model {self.name}: its runs start in {pose}",) if self.mjcf.key else ()
+        return (
+            f"model {self.name}: {shortened(', '.join(moved), 100)} starts where its first samples "
+            f"are, position and rate of {', '.join(joints)}; all else as in {pose}",
+        )
+
+    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
+        """Positions and rates of the measured joints at the start of a run."""
+        del included
+        return self._starts
+
+    def _run(self, record: Record, values: dict[str, float], start: Array | None = None) -> Run:
+        x = [start_in(s, record)[0] for s in self._starts] if start is None else start
+        states = {s.name: float(v) for s, v in zip(self._starts, x, strict=True)}
+        return Run.of(record, self.inputs, {**values, **states})
 
     def _time_step(self, record: Record) -> Iterator[str]:
         """Notes about the steps of runs, and their error: the change by steps of half the size."""
@@ -71,7 +144,7 @@ class MujocoModel(Simulator):
                 f"model {self.name}: its time step of {own:g} s is {step:.4g} s in record "
                 f"{record.name}, whose samples are {interval:.4g} s apart"
             )
-        run = Run.of(record, self.inputs, self._point([p.value for p in self.parameters]))
+        run = self._run(record, self._point([p.value for p in self.parameters]))
         smaller = copy.copy(self.mjcf)
         smaller.parts = 2
         (one,) = self._runner.values([run])
@@ -146,6 +219,15 @@ class MujocoModel(Simulator):
         return write_text(path, comment + patched.to_xml(), force=force)
 
 
+def _placed(effect: Effect, function: Mjcf) -> Effect:
+    """An effect with its component and its mechanism; a payload with its place."""
+    owner, _, what = effect.name.rpartition(".")
+    mechanism = function.properties[effect.name].kind.mechanism
+    if what == "payload":
+        mechanism = f"A mass is attached {place_of_payload(function.model, owner)}."
+    return replace(effect, component=owner, mechanism=mechanism)
+
+
 @checked
 def mujoco(
     path: str | Path,
@@ -183,6 +265,8 @@ def mujoco(
     ``BODY.payload``, ``BODY.payload_x``, ...
         Attached point mass [kg], and its place in the frame of the body [m]; without a place it is
         at the center of mass.
+    ``SITE.payload``
+        Attached point mass [kg] at the place of a site.
     ``gravity.tilt_x``, ``gravity.tilt_y``
         Rotation of the gravity about an axis of the world [rad].
 
@@ -195,8 +279,8 @@ def mujoco(
         ``{"hip.damping": (None, 0.1)}``.
     unknown
         Properties that are effects; default: damping, friction, armature, stiffness and backlash
-        of every hinge and slide, all of every servo, payloads of the outermost bodies, and the
-        tilt of the gravity. (The gain of a motor is that of its input.)
+        of every hinge and slide, all of every servo, payloads of the outermost bodies, welded ones
+        included, and the tilt of the gravity. (The gain of a motor is that of its input.)
     inputs
         Default: the actuators that the records have.
     outputs
@@ -206,9 +290,12 @@ def mujoco(
     bounds
         As for :class:`Simulator`.
     key
-        Keyframe at which records start; default: the pose of the file.
+        Keyframe at which records start. Default: each measured joint starts with the position and
+        the rate of its first samples, within their noise, and the others as in the keyframe (or in
+        the pose of the file) that is nearest to these positions.
     settle
-        Time before a record with its first inputs [s].
+        Time before a record with its first inputs [s]; the run starts before it in the keyframe
+        or in the pose of the file.
     hold
         Input between samples: constant, or ``"linear"``.
     workers
@@ -256,8 +343,5 @@ def mujoco(
     out.mjcf = function
     out.origin = Origin("mujoco", str(path), {**again, **how})
     out._jumps = frozenset(n for n in known if n.endswith(".backlash"))
-    out.effects = tuple(
-        replace(e, component=e.name.rpartition(".")[0], mechanism=known[e.name].kind.mechanism)
-        for e in out.effects
-    )
+    out.effects = tuple(_placed(e, function) for e in out.effects)
     return out

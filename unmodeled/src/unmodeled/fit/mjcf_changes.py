@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -129,6 +129,11 @@ def _payload(model: Any, name: str, value: float) -> None:
     model.body_mass[model.body(name).id] += value
 
 
+def _payload_at_site(model: Any, name: str, mass: float) -> None:
+    i = model.site(name).id
+    _payload_at(model, model.body(model.site_bodyid[i]).name, mass, model.site_pos[i])
+
+
 def _payload_at(model: Any, name: str, mass: float, place: Array) -> None:
     """Add a point mass at a place in the frame of a body."""
     mj, i = import_mujoco(), model.body(name).id
@@ -209,7 +214,7 @@ TILT = {
 
 def properties(model: Any) -> dict[str, Property]:
     """Numbers of a model by name, ``JOINT.damping``, with their values in the file."""
-    out = {**_of_joints(model), **_of_actuators(model), **_of_bodies(model)}
+    out = {**_of_joints(model), **_of_actuators(model), **_of_bodies(model), **_of_sites(model)}
     gravity = np.abs(model.opt.gravity)
     for name, kind in TILT.items():
         if gravity[AXES.index(name[-1])] < gravity.max():
@@ -274,14 +279,13 @@ def _of_actuators(model: Any) -> dict[str, Property]:
 
 def _of_bodies(model: Any) -> dict[str, Property]:
     found = {}
-    jointed = {int(b) for b in model.jnt_bodyid}
-    # Bodies with a joint that carry no other body with a joint: what a machine holds is there.
-    inner = {int(model.body_parentid[b]) for b in jointed}
-    for b in reversed(range(1, model.nbody)):
-        if b in inner:
-            inner.add(int(model.body_parentid[b]))
+    # Moving bodies that carry no other body, welded ones included: what a machine holds is there.
+    carriers = {int(b) for b in model.body_parentid[1:]}
+    outermost = {b for b in range(1, model.nbody) if model.body_weldid[b] and b not in carriers}
     for i in range(1, model.nbody):
         name, mass = model.body(i).name, float(model.body_mass[i])
+        if name and mass == 0.0 and model.body_weldid[i]:
+            found[f"{name}.payload"] = Property(0.0, BODY["payload"], "kg", tested=i in outermost)
         if not name or not mass > 0.0:
             continue
         values = {"mass": mass, "payload": 0.0}
@@ -292,9 +296,35 @@ def _of_bodies(model: Any) -> dict[str, Property]:
         ):
             values |= {f"{what}_{a}": float(v) for a, v in zip(AXES, three, strict=True)}
         for what, value in values.items():
-            last = what == "payload" and i in jointed - inner
+            last = what == "payload" and i in outermost
             found[f"{name}.{what}"] = Property(value, BODY[what], BODY[what].units[0], tested=last)
     return found
+
+
+def _of_sites(model: Any) -> dict[str, Property]:
+    """Payloads at the places of the sites of moving bodies."""
+    bodies = {model.body(i).name for i in range(model.nbody)}
+    row = replace(BODY["payload"], set=_payload_at_site)
+    return {
+        f"{name}.payload": Property(0.0, row, "kg", tested=False)
+        for i in range(model.nsite)
+        if (name := model.site(i).name)
+        and name not in bodies
+        and model.body_weldid[model.site_bodyid[i]]
+    }
+
+
+def place_of_payload(model: Any, name: str) -> str:
+    """Where the payload of a body or a site is, for the report."""
+    if name in {model.body(i).name for i in range(model.nbody)}:
+        place = model.body_ipos[model.body(name).id]
+        what = f"at the center of mass of the body {name}"
+    else:
+        i = model.site(name).id
+        place = model.site_pos[i]
+        what = f"at the site {name} of the body {model.body(model.site_bodyid[i]).name}"
+    numbers = ", ".join(f"{v:.4g}" for v in place)
+    return f"{what}, ({numbers}) m in the frame of this body"
 
 
 def set_properties(model: Any, values: Mapping[str, float], known: Mapping[str, Property]) -> None:

@@ -27,6 +27,7 @@ from unmodeled.fit.mjcf_changes import (
     set_properties,
 )
 from unmodeled.fit.mjcf_parts import outside_parts
+from unmodeled.fit.mjcf_start import set_starts
 
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.
@@ -179,7 +180,8 @@ class Mjcf:
     # ------------------------------------------------------------------------------------ changes
 
     def _changed(self, values: Mapping[str, float]) -> dict[str, float]:
-        return {n: v for n, v in values.items() if v != self.properties[n].value}
+        known = self.properties  # other names are start states
+        return {n: v for n, v in values.items() if n in known and v != known[n].value}
 
     def patched(self, values: Mapping[str, float]) -> Any:
         """The specification with these values of properties, ``JOINT.damping``; others stay.
@@ -286,6 +288,8 @@ class Mjcf:
             mj.mj_resetDataKeyframe(model, data, model.key(self.key).id)
         else:
             mj.mj_resetData(model, data)
+        set_starts(model, data, {n: v for n, v in run.parameters.items()
+                                 if n not in self.properties})  # fmt: skip
         seen = np.empty((run.time.size, model.nq + model.nv + model.nsensordata))
         if not self._play(model, data, run, seen, stop):
             seen[:] = np.nan  # unstable: MuJoCo has started again from the reference pose

@@ -981,6 +981,9 @@ def changed_jobs(model: Model, request: SensitivityRequest) -> tuple[Jobs, list[
         add("magnitudes", i, model._offsets(candidate.effect, base["magnitudes"][i]))
     if request.by_starts:
         for i, state in enumerate(states):
+            if start_in(state, request.record)[1] == 0.0:  # it is no unknown
+                columns.append([])
+                continue
             step = 0.1 * model.difference_step * state.scale
             add("starts", i, difference_offsets(base["starts"][i], step, -np.inf, np.inf))
     return Jobs(included=included, **{k: np.array(v) for k, v in rows.items()}), columns

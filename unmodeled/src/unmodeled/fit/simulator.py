@@ -303,12 +303,12 @@ class Simulator(Model):
         self._check_inputs(records)
         runner = self._runner
         prior = self._point([p.value for p in self.parameters])
-        first = Run.of(records[0], self.inputs, prior)
+        first = self._run(records[0], prior)
         seconds, again = runner.first(first)
         workers = self._means.workers
         if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
             runner.start()
-        runner.values([Run.of(r, self.inputs, prior) for r in records], must=True)
+        runner.values([self._run(r, prior) for r in records], must=True)
         out = copy.copy(self)
         with runner.trying():
             out.effects, sizes = sized(self, self.effects, self._unsized, records)
@@ -357,7 +357,7 @@ class Simulator(Model):
 
         def moved(changes: Mapping[str, float]) -> Run:
             values = {k: v + changes.get(k, 0.0) for k, v in prior.items()}
-            return Run.of(record, self.inputs, values)
+            return self._run(record, values)
 
         # Along one direction that changes all parameters, to the permitted side.
         way = {
@@ -432,6 +432,11 @@ class Simulator(Model):
             )
         return notes
 
+    def _run(self, record: Record, values: dict[str, float], start: Array | None = None) -> Run:
+        """Run of a record. ``start``: values of the states; None: those that are expected."""
+        del start
+        return Run.of(record, self.inputs, values)
+
     def simulate(self, record: Record, jobs: Jobs) -> Array:
         """See :class:`~unmodeled.fit.Model`."""
         return self.simulate_all([(record, jobs)])[0]
@@ -442,7 +447,10 @@ class Simulator(Model):
         runs = []
         for record, jobs in batches:
             table = np.hstack([jobs.theta, jobs.magnitudes]) if jobs.included else jobs.theta
-            runs += [Run.of(record, self.inputs, self._values(row, jobs.included)) for row in table]
+            runs += [
+                self._run(record, self._values(row, jobs.included), start)
+                for row, start in zip(table, jobs.starts, strict=True)
+            ]
         seen = iter(self._runner.values(runs))
         return [np.array([next(seen) for _ in range(jobs.count)]) for _, jobs in batches]
 

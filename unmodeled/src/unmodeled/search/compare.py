@@ -20,6 +20,7 @@ from unmodeled.errors import DataError, Error, InvalidParameter
 from unmodeled.fit.model import Candidate, Model, Ready, SensitivityRequest, start_in
 from unmodeled.fit.noise import rms_of_measured
 from unmodeled.fit.observe import observe
+from unmodeled.fit.simulator import Simulator
 from unmodeled.lazy import lazy_import
 from unmodeled.search.problem import Observed
 from unmodeled.search.records import noise_of_channel, ready_records, wrap_text
@@ -402,6 +403,9 @@ NEAR_FACTOR = 0.15
 TAKES_AWAY, LEAVES, LEAVES_CERTAIN = 0.5, 0.1, 0.04
 #: Largest spread of the delays of all channels that are one delay [1].
 DELAY_SPREAD = 0.3
+#: Distance of the first sample from the model, in noise and as a share of the motion, from which
+#: the start is another one, and least number of samples for it.
+AT_START, LEAST_START = (10.0, 0.1), 5
 #: Prior standard deviation, as a share of the value, from which a parameter may have any size [1].
 ANY_SIZE = 0.5
 #: Factors of record over model of a wrong unit or direction, by the unit of the channel; "": any.
@@ -417,7 +421,7 @@ _CLOCKS = (60.0, 1.0 / 60.0, 1e-3, 1e3, 3600.0, 1.0 / 3600.0)
 
 def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
     """Hints about the differences; a certain one rests on parameters with small tolerances."""
-    if certain := [*_wraps(runs), *_as_stated(model, runs)]:
+    if certain := [*_wraps(runs), *_as_stated(model, runs), *_elsewhere(model, runs)]:
         return tuple(certain)
     size = _size_of_tolerances(model)
     found: list[Hint] = []
@@ -447,6 +451,34 @@ def _wraps(runs: Runs) -> Iterator[Hint]:
                 found.setdefault((name, text), []).append(record.name)
     for (name, text), where in found.items():
         yield Hint("wrap", (name,), f"{name} of {', '.join(where)} {text}", sure=True)
+
+
+def _elsewhere(model: Model, runs: Runs) -> Iterator[Hint]:
+    """Channels of a simulator that start elsewhere than the record, and approach it later."""
+    if model.states() or not isinstance(model, Simulator):
+        return
+    far: list[tuple[str, str]] = []
+    for record, outputs in runs:
+        for name in [n for n in record.outputs if n in outputs]:
+            gap = record.outputs[name] - outputs[name]
+            there = np.flatnonzero(np.isfinite(gap))
+            if there.size < LEAST_START:
+                continue
+            first, motion = abs(gap[there[0]]), float(np.std(record.outputs[name][there]))
+            noise = noise_of_channel(record, name).sigma
+            later = abs(float(np.median(gap[there])))
+            if first > max(AT_START[0] * noise, AT_START[1] * motion) and later < 0.5 * first:
+                seen, own = (y[name][there[0]] for y in (record.outputs, outputs))
+                text = f"{name} of {record.name} at {seen:.4g}, in the model at {own:.4g}"
+                far.append((name, f"{text} {record.sensors[name].unit}"))
+    if far:
+        more = f" (and {len(far) - 2} more)" if len(far) > 2 else ""
+        yield Hint(
+            "start", tuple(dict.fromkeys(n for n, _ in far)),
+            f"the model does not start where the records start: {', '.join(t for _, t in far[:2])}"
+            f"{more}; state its start by its parameters, or of a MuJoCo model by --key and --settle"
+            " (without them, measured joints start at their first samples)",
+        )  # fmt: skip
 
 
 def _as_stated(model: Model, runs: Runs) -> Iterator[Hint]:
@@ -592,9 +624,14 @@ def _follows(
     return best
 
 
+def _is_quick(model: Model) -> bool:
+    """Whether a much longer record takes little time: not in a simulator, nor in a mechanism."""
+    return bool(model.states()) and not isinstance(model, Simulator)
+
+
 def _clocks(model: Model) -> Iterator[tuple[Hint, Callable[[Record], Record]]]:
     for factor in _CLOCKS:
-        if factor < 1.0 or model.states():  # without states, a long record may need very long
+        if factor < 1.0 or _is_quick(model):
             yield (
                 Hint("clock", ("time",), f"the model follows all records with a clock {factor:.4g} "
                      "times as long: is the unit of time another one, or are its rates not per "
@@ -615,8 +652,7 @@ def _inputs(model: Model, runs: Runs) -> Iterator[tuple[Hint, Callable[[Record],
     def exchanged(record: Record, a: str, b: str) -> Record:
         return record.with_changed_inputs(lambda whole: {a: whole.inputs[b], b: whole.inputs[a]})
 
-    # A mechanism, whose steps follow the motion, may need very long.
-    shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if model.states() else ()
+    shared = set.intersection(*(set(r.inputs) for r, _ in runs)) if _is_quick(model) else ()
     units = {n: u for r, _ in runs for n, u in r.input_units.items()} | dict(model.units)
     factors = {n: _factors_of_input(units.get(n, "")) for n in sorted(shared)}
     for name, factor in ((n, f) for n, group in factors.items() for f in group):

@@ -599,7 +599,7 @@ class Hint:
     """An error of the records, or of what is stated, that would explain a difference."""
 
     kind: Literal[
-        "unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap", "parameter"
+        "unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap", "parameter", "start"
     ]
     channels: tuple[str, ...]
     text: str
