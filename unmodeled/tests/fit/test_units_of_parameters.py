@@ -10,6 +10,7 @@ from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit import Effect, Exposed, Parameter
 from unmodeled.fit.model import prior_jobs
 from unmodeled.loading import load_model
+from unmodeled.units import ACCEPTED_UNITS
 
 TIME = np.linspace(0.0, 2.0, 60)
 POUND = 0.45359237
@@ -291,3 +292,95 @@ def test_the_size_of_a_parameter_is_its_tolerance_or_its_value():
     assert size(value=-2.0) == 2.0
     assert size(value=-2.0, sd=0.0) == 2.0
     assert size(value=0.0) == 1.0
+
+
+def end_of(parameters, states, inputs=None, units=None, u=0.0):
+    """Where s ends, if its equation is s' = (c + K u - s)/tau."""
+
+    def rates(t, x, u, p):
+        return ((p.c + p.K * u.u - x.s) / p.tau,)
+
+    rates.units = units or {}
+    model = unmodeled.Equations(
+        rates, states=states, parameters=parameters, inputs=inputs or {"u": "1"}, hold="linear"
+    )
+    time = np.arange(0.0, 60.0, 1.0)
+    record = Record(name="r", time=time, inputs={"u": np.full(60, u)}, outputs={"s": time},
+                    sensors={"s": Sensor(name="s", sigma=0.01, unit=states["s"][2])})  # fmt: skip
+    ready = model.ready([record])
+    return ready.model.simulate(record, prior_jobs(ready.model, record))[0, -1, 0]
+
+
+@pytest.mark.parametrize("unit", ACCEPTED_UNITS)
+def test_a_state_and_a_parameter_in_one_unit_are_in_this_unit_in_the_equations(unit):
+    """Both are 50: the state stays there, whatever the unit."""
+    parameters = {"c": (50.0, 1.0, unit), "K": (0.0, 0.0, unit), "tau": (5.0, 1.0, "s")}
+    assert end_of(parameters, {"s": (50.0, 1.0, unit)}) == pytest.approx(50.0, rel=1e-9)
+    got = []
+
+    def level(time, inputs, parameters):
+        got.append(parameters["c"])
+        return {"s": 0.0 * time + parameters["c"]}
+
+    level.units = {"s": unit}
+    time = np.arange(9.0)
+    sensors = {"s": Sensor(name="s", sigma=1.0, unit=unit)}
+    record = Record(name="r", time=time, inputs={}, outputs={"s": time}, sensors=sensors)
+    unmodeled.check(unmodeled.Simulator(level, parameters={"c": (50.0, 1.0, unit)}), [record])
+    assert got[0] == 50.0
+
+
+def test_products_of_units_of_states_and_inputs_stay_and_other_units_become_si():
+    """A level in cm follows a pump in l/min: K in cm min/l stays, and tau in min is in seconds."""
+    parameters = {"c": (5.0, 1.0, "cm"), "K": (2.0, 0.1, "cm min/l"), "tau": (0.05, 0.01, "min")}
+    states = {"s": (5.0, 1.0, "cm")}
+    level = end_of(parameters, states, {"u": "l/min"}, u=4.0)
+    assert level == pytest.approx(13.0, rel=1e-6)
+    mm = parameters | {"c": (50.0, 10.0, "mm"), "K": (20.0, 1.0, "mm min/l")}
+    with pytest.raises(InvalidParameter, match=r"rates.units = \{'c': 'mm', 'K': 'mm min/l'\} or"):
+        end_of(mm, states, {"u": "l/min"})
+    same = end_of(mm, states, {"u": "l/min"}, {"c": "cm", "K": "cm min/l"}, u=4.0)
+    assert same == pytest.approx(13.0, rel=1e-6)
+
+
+def test_equations_in_mm_with_a_factor_of_1000_get_their_parameters_in_si_as_they_are_stated():
+    """Regression: with states converted to SI, they were wrong by 1000."""
+
+    def rates(t, x, u, p):
+        force = u.f - p.k * x.x / 1000.0 - p.d * x.v / 1000.0
+        return x.v, 1000.0 * force / p.m
+
+    model = unmodeled.Equations(
+        rates,
+        states={"x": (0.0, 0.0, "mm"), "v": (0.0, 0.0, "mm/s")},
+        parameters={"m": (2.0, 0.1, "kg"), "k": (100.0, 3.0, "N/m"), "d": (20.0, 1.0, "N s/m")},
+        inputs={"f": "N"},
+        outputs={"x": "x"},
+        hold="linear",
+    )
+    record = Record(name="r", time=np.arange(0.0, 5.0, 0.01), inputs={"f": np.full(500, 3.0)},
+                    outputs={"x": np.zeros(500)})  # fmt: skip
+    assert model.simulate(record, prior_jobs(model, record))[0, -1, 0] == pytest.approx(30.0)
+
+
+def test_an_input_without_a_unit_beside_a_state_of_the_same_quantity_is_refused(tmp_path):
+    """A column in rpm would become rad/s, and the state stays in rpm."""
+    (tmp_path / "spin.py").write_text(
+        "import unmodeled\n\n\ndef rates(t, x, u, p):\n    return ((u.asked - x.s) / p.tau,)\n\n\n"
+        "given = {'states': {'s': (60.0, 1.0, 'rpm')}, 'hold': 'linear',\n"
+        "         'parameters': {'tau': (0.05, 0.01, 'min')}}\n"
+        "model = unmodeled.Equations(rates, **given)\n"
+    )
+    rows = "".join(f"{0.5 * k:.1f},60,60\n" for k in range(20))
+    (tmp_path / "a.csv").write_text("time [s],asked [rpm],s [rpm]\n" + rows)
+    loaded = load_model(f"{tmp_path / 'spin.py'}:model")
+    with pytest.raises(InvalidParameter, match=r"rates.units = \{'asked': 'rpm'\} or .*'rad/s'"):
+        loaded.model.ready(loaded.read([tmp_path / "a.csv"]))
+    with (tmp_path / "spin.py").open("a") as file:
+        file.write("rates.units = {'asked': 'rpm'}\n")
+        file.write("model = unmodeled.Equations(rates, **given)\n")
+    loaded = load_model(f"{tmp_path / 'spin.py'}:model")
+    (record,) = loaded.read([tmp_path / "a.csv"])
+    ready = loaded.model.ready([record])
+    end = ready.model.simulate(record, prior_jobs(ready.model, record))[0, -1, 0]
+    assert end == pytest.approx(60.0)

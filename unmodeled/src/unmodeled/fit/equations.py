@@ -47,6 +47,7 @@ from unmodeled.fit.priors import (
     Bounds,
     Priors,
     Unknowns,
+    in_si,
     sized,
     stated,
 )
@@ -70,9 +71,11 @@ class Equations(Model):
         or with numbers, which takes longer and is told.
     states
         Name -> unit, or ``(start, sd of the start, unit)``; with the unit alone, the start is
-        unknown. Or a list of :class:`State`.
+        unknown. Or a list of :class:`State`. The rates get a state in this unit.
     parameters, unknown, bounds
-        As for :class:`Simulator`. The names of states, inputs and parameters must differ.
+        As for :class:`Simulator`: of units that are not SI, those of the states, and products of
+        them, stay, as do those of inputs and outputs. The names of states, inputs and parameters
+        must differ.
     outputs
         Name -> name of a state; or ``Rate("v")``, the rate of a state including effects; or a
         function ``(t, x, u, p) -> (B,)``, which gets the states of the model without effects; with
@@ -126,17 +129,19 @@ class Equations(Model):
         name: str = "model",
     ):
         self.name = name
-        given = stated(rates, parameters, unknown, bounds, name)
         self._states = states_of(states)
+        pairs = {n: of[1] for n, of in (outputs or {}).items() if isinstance(of, tuple)}
+        channels = {**(inputs if isinstance(inputs, Mapping) else {}), **pairs}
+        kept = [s.unit for s in self._states]
+        given = stated(rates, parameters, unknown, bounds, name, channels, kept)
         self.parameters, neutral, self._unsized = given.parameters, given.neutral, given.unsized
         self.converted = given.converted
         self._converted = given.notes
-        self._rates = with_unknown(rates, neutral)
+        self._function, self._rates = rates, with_unknown(rates, neutral)
         self.effects = tuple(by_rates(rates, e, neutral) for e in given.effects)
         self._unscaled = isinstance(states, Mapping)
         found = trial(self._rates, self._states, self.parameters, inputs)
         outputs = {s.name: s.name for s in self._states} if outputs is None else outputs
-        paired = {n: of for n, of in outputs.items() if isinstance(of, tuple) and len(of) == 2}
         inputs = found.inputs if inputs is None else inputs
         self.outputs = tuple(outputs)
         self.inputs = tuple(inputs)
@@ -157,8 +162,7 @@ class Equations(Model):
         }
         self._unknown = tuple(neutral)
         self.units = _units_of(self._outputs, self._states)
-        self.units |= {n: unit for n, (_, unit) in paired.items()}
-        self.units |= dict(inputs) if isinstance(inputs, Mapping) else {}
+        self.units |= given.units
         self._port_states = dict(ports or {})
         self._make_ports()
         self._check()
@@ -255,6 +259,7 @@ class Equations(Model):
         if self._resolved:
             return Ready(self, tuple(records))
         self._check_rates(records)
+        assumed = in_si(self, self._function, records)
         try:
             self._check_inputs(records)
             out, notes = resolved(self._scaled(records), records)
@@ -263,7 +268,7 @@ class Equations(Model):
         except Error:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved = True
-        notes += [*self._converted, *sizes]
+        notes += [*self._converted, *assumed, *sizes]
         notes += self._inferred * list(self._about_coordinates())
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]

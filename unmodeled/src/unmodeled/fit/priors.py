@@ -20,7 +20,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.fit.model import Candidate, Effect, Model, Parameter, prior_jobs
-from unmodeled.units import conversion_factor, spelled_unit, to_si
+from unmodeled.units import conversion_factor, same_unit, spelled_unit, stays_beside, to_si
 
 __all__ = [
     "Bounds",
@@ -95,6 +95,8 @@ class Stated:
     """What the function gets where a number was converted."""
     converted: dict[str, tuple[float, str]]
     """Factor and stated unit of the converted parameters."""
+    units: dict[str, str]
+    """Units of inputs and outputs, by name."""
 
 
 def stated(
@@ -103,18 +105,22 @@ def stated(
     unknown: Unknowns,
     bounds: Bounds,
     model: str,
+    channels: Mapping[str, str],
+    states: Sequence[str] = (),
 ) -> Stated:
     """Parameters and unknown effects of a function, converted to the units that it wants.
 
-    A stated unit is the unit of the number, and of its bounds. The function gets SI units, except
-    where its attribute ``units``, by name, has another unit. Its attribute ``values`` has values
-    that need not be stated, and ``limits`` has bounds, both in the units that it gets.
+    A stated unit is the unit of the number, and of its bounds. A unit that is made of those of
+    ``channels``, by name, and of ``states`` is kept, so that both sides of an equation have it.
+    Otherwise the function gets SI units. Its attribute ``units``, by name, states another unit.
+    Its attribute ``values`` has values that need not be stated, and ``limits`` has bounds, both in
+    the units that it gets.
 
     Raises
     ------
     InvalidParameter
-        A form is wrong, a unit is unknown or measures another quantity, or bounds belong to no
-        parameter.
+        A form is wrong, a unit is unknown or measures another quantity, bounds belong to no
+        parameter, or a parameter has another unit than a channel or a state of the same quantity.
     """
     unknown = unknown or {}
     names = [*(p if isinstance(p, str) else p.name for p in parameters), *unknown]
@@ -124,12 +130,15 @@ def stated(
                 f"model {model}: bounds of {name}, which is no parameter{near_names(name, names)}; "
                 f"there are {', '.join(names) or 'none'}"
             )
-    reader = _Reader(function, bounds or {})
+    own = getattr(function, "units", {})
+    channels = {**{n: unit for n, unit in own.items() if unit and n not in names}, **channels}
+    reader = _Reader(function, bounds or {}, {*channels.values(), *states} - {"", "1"})
     if isinstance(parameters, Mapping):
         found = [reader.parameter(n, p) for n, p in parameters.items()]
     else:
         found = [reader.limited(p) for p in parameters]
     effects = [reader.unknown(n, u) for n, u in unknown.items()]
+    reader.refuse_mixtures(model)
     return Stated(
         tuple(found),
         tuple(effects),
@@ -137,7 +146,50 @@ def stated(
         frozenset(reader.unsized),
         reader.notes,
         reader.converted,
+        channels,
     )
+
+
+def in_si(model: Model, function: Callable[..., Any], records: Sequence[Record]) -> list[str]:
+    """A note about the channels in SI units, because the model states no unit of them.
+
+    Raises
+    ------
+    InvalidParameter
+        Such a channel measures what a state or another channel measures in another unit.
+    """
+    channels = (*model.inputs, *model.outputs)
+    known = {n: u for r in records for n, u in r.units.items() if n in channels}
+    told = {n: u for n, u in known.items() if u not in ("", "1") and not model.units.get(n)}
+    if not told:
+        return []
+    first = next(iter(told))
+    others = {s.name: s.unit for s in model.states()} | {n: model.units.get(n, "1") for n in known}
+    for name, unit in told.items():
+        for other, stated in others.items():
+            if stated != "1" and not same_unit(stated, unit) and _convertible(stated, unit):
+                raise InvalidParameter(
+                    f"model {model.name}: {name} has no stated unit and is read in {unit}, beside "
+                    f"{other} in {stated}: expected the unit that the equations take, "
+                    f"{_named(function)}.units = {{{name!r}: {stated!r}}} or {{{name!r}: {unit!r}}}"
+                )
+    listed = ", ".join(f"{n} in {u}" for n, u in told.items())
+    return [
+        f"its function gets and returns {listed}; its attribute units, such as "
+        f"{_named(function)}.units = {{{first!r}: 'UNIT'}}, states other units"
+    ]
+
+
+def _named(function: Callable[..., Any]) -> str:
+    called = getattr(function, "__name__", "")
+    return called if called.isidentifier() else "function"
+
+
+def _convertible(unit: str, other: str) -> bool:
+    try:
+        return bool(conversion_factor(unit, other))
+    except InvalidParameter:
+        return False
 
 
 #: Fields of a parameter and of effects that have its unit.
@@ -154,15 +206,19 @@ def _numbers(values: Iterable[Any]) -> bool:
 class _Reader:
     """Reads short forms into the units that a function gets."""
 
-    def __init__(self, function: Callable[..., Any], bounds: Mapping[str, Any]):
+    def __init__(
+        self, function: Callable[..., Any], bounds: Mapping[str, Any], beside: Collection[str]
+    ):
         self._units: Mapping[str, str] = getattr(function, "units", {})
         self._values: Mapping[str, float | None] = getattr(function, "values", {})
         self._limits: Mapping[str, tuple[float, float]] = getattr(function, "limits", {})
         self._file = bool(self._values)
         """Whether a file states its units: an FMU, a MuJoCo model."""
-        called = getattr(function, "__name__", "")
-        self._named = called if called.isidentifier() else "function"
+        self._named = _named(function)
         self._bounds = bounds
+        self._beside = () if self._file else beside
+        self._kept: dict[str, str] = {}
+        self._mixed: dict[str, tuple[str, str]] = {}
         self._first = self._unit = ""
         self._told: list[str] = []
         self.neutral: dict[str, float] = {}
@@ -179,6 +235,13 @@ class _Reader:
             factor, si = (conversion_factor(read, wanted), wanted) if wanted else to_si(read)
         except InvalidParameter as error:
             raise InvalidParameter(f"parameter {name}: {error}") from None
+        if not wanted and factor != 1.0:
+            stays = stays_beside(read, self._beside)
+            if stays:
+                self._kept[name] = unit
+                return 1.0, unit
+            if stays is None:
+                self._mixed[name] = unit, si
         return factor, unit if factor == 1.0 and not wanted else si
 
     def _range(self, name: str, factor: float) -> tuple[float, float]:
@@ -283,9 +346,27 @@ class _Reader:
         if mark == "=" and factor != 1.0 and not self._file:
             self.converted[name] = factor, unit
 
+    def refuse_mixtures(self, model: str) -> None:
+        """Refuse parameters in other units than the states that measure the same quantity."""
+        if not self._mixed:
+            return
+        one, two = ({n: pair[k] for n, pair in self._mixed.items()} for k in (0, 1))
+        raise InvalidParameter(
+            f"model {model}: parameters in {', '.join(dict.fromkeys(one.values()))} beside states, "
+            f"inputs or outputs in {', '.join(sorted(self._beside))}: expected the same units, or "
+            f"those that the equations take, {self._named}.units = {one} or {two}"
+        )
+
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the function gets where a number was converted."""
+        """What the function gets where a number was converted, or kept in another unit than SI."""
+        kept = ", ".join(f"{n} in {unit}" for n, unit in self._kept.items())
+        told = (f"units: the function gets {kept}, like its states, inputs or outputs",) * bool(
+            kept
+        )
+        return (*told, *self._conversions())
+
+    def _conversions(self) -> tuple[str, ...]:
         if not self._told:
             return ()
         how = (

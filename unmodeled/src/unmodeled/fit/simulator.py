@@ -37,6 +37,7 @@ from unmodeled.fit.priors import (
     Bounds,
     Priors,
     Unknowns,
+    in_si,
     sized,
     stated,
 )
@@ -140,7 +141,9 @@ class Simulator(Model):
         Fitted parameters with their priors: ``(value, sd, unit)`` by name (``sd=0`` fixes it; a
         value alone has no prior), or a list of :class:`Parameter`. The unit is that of the numbers.
         The function gets SI units, or those that its attribute ``units`` states by name, as
-        ``{"rate": "1/h"}``; a note tells what was converted. Readings in degC and degF stay.
+        ``{"rate": "1/h"}``; a note tells what was converted. Readings in degC and degF stay, and
+        units of inputs and outputs (of cm: also cm^2 and N/cm), so that both sides of an equation
+        are in one unit; mm beside cm is refused.
     unknown
         Parameters that are effects which the model may lack: the unit (the value without the effect
         is 0, and its expected size follows from the records), ``(value without it, expected size,
@@ -178,17 +181,16 @@ class Simulator(Model):
     ):
         called = getattr(function, "__name__", "")
         self.name = name = name or (called if called.isidentifier() else "simulator")
-        given = stated(function, parameters, unknown, bounds, name)
+        named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
+        channels = {k: v for g in named for k, v in g.items() if v}  # "": unknown
+        given = stated(function, parameters, unknown, bounds, name, channels)
         self.parameters, self.effects = given.parameters, given.effects
         self.converted = given.converted
         self._neutral, self._unsized, self._converted = given.neutral, given.unsized, given.notes
         self.inputs = tuple(inputs or ())
         self.outputs = tuple(outputs or ())
-        named = [g for g in (inputs, outputs) if isinstance(g, Mapping)]
         self._names = (*(p.name for p in self.parameters), *self._neutral)
-        own = getattr(function, "units", {})
-        self.units = {k: v for k, v in own.items() if v and k not in self._names}
-        self.units |= {k: v for g in named for k, v in g.items() if v}  # "": unknown
+        self.units = given.units
         everything = [*self._names, *self.inputs]
         faults = [
             f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
@@ -301,6 +303,8 @@ class Simulator(Model):
             ready = matched.model.ready(matched.records)
             return replace(ready, notes=(*matched.notes, *ready.notes))
         self._check_inputs(records)
+        # A file has its own units.
+        assumed = [] if hasattr(self.function, "values") else in_si(self, self.function, records)
         runner = self._runner
         prior = self._point([p.value for p in self.parameters])
         first = self._run(records[0], prior)
@@ -314,22 +318,8 @@ class Simulator(Model):
             out.effects, sizes = sized(self, self.effects, self._unsized, records)
         out._steps, notes = out._chosen_steps(records[0], again)
         out._ready = True
-        notes += [*self._converted, *self._assumed(records), *sizes, *runner.notices]
+        notes += [*self._converted, *assumed, *sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
-
-    def _assumed(self, records: Sequence[Record]) -> list[str]:
-        """The units of channels for which the function states none."""
-        channels = (*self.inputs, *self.outputs)
-        known = {n: u for r in records for n, u in r.units.items() if n in channels}
-        told = {n: u for n, u in known.items() if u not in ("", "1") and n not in self.units}
-        if not told or hasattr(self.function, "values"):  # a file with its own units
-            return []
-        first = next(iter(told))
-        listed = ", ".join(f"{n} in {u}" for n, u in told.items())
-        return [
-            f"its function gets and returns {listed}; its attribute units, such as "
-            f"{self.name}.units = {{{first!r}: 'UNIT'}}, states other units"
-        ]
 
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
         """All parameters of the function, with the values without unknown effects."""

@@ -10,7 +10,10 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Collection, Iterator
 from functools import lru_cache
+
+import numpy as np
 
 from unmodeled.arguments import AnyNumber, checked, text_readers
 from unmodeled.errors import InvalidParameter
@@ -99,8 +102,8 @@ def _plain(unit: str) -> str:
     return unit.strip().translate(_SIGNS)
 
 
-@lru_cache(maxsize=10_000)
-def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
+def _tokens(unit: str) -> Iterator[tuple[str, float]]:
+    """Names and powers of the units of which a unit is composed."""
     if len(unit) > LONGEST_UNIT:
         raise ValueError(f"{len(unit)} characters; the limit is {LONGEST_UNIT}")
     text = _plain(unit)
@@ -109,8 +112,6 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
     parts = text.split("/")
     if len(parts) > 2:
         raise ValueError("more than one '/'")
-    factor = 1.0
-    exponents = [0.0] * len(_BASES)
     for sign, part in zip((1.0, -1.0), parts, strict=False):
         if sign < 0.0 and part.strip().startswith("(") and part.strip().endswith(")"):
             part = part.strip()[1:-1]  # J/(kg K) is J/kg K
@@ -121,9 +122,17 @@ def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
             power = sign * float(match.group(2) or 1.0)
             if abs(power) > 10.0:
                 raise ValueError(f"the power of {token!r} is beyond 10")
-            scale, dims = ACCEPTED_UNITS[match.group(1)]
-            factor *= scale**power
-            exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
+            yield match.group(1), power
+
+
+@lru_cache(maxsize=10_000)
+def _parse(unit: str) -> tuple[float, tuple[float, ...]]:
+    factor = 1.0
+    exponents = [0.0] * len(_BASES)
+    for name, power in _tokens(unit):
+        scale, dims = ACCEPTED_UNITS[name]
+        factor *= scale**power
+        exponents = [e + power * d for e, d in zip(exponents, dims, strict=True)]
     return factor, tuple(exponents)
 
 
@@ -366,6 +375,59 @@ def to_si(unit: str) -> tuple[float, str]:
     over = " ".join(_power(name, p) for name, p in powers.items() if p > 0.0)
     under = " ".join(_power(name, -p) for name, p in powers.items() if p < 0.0)
     return factor, f"{over or '1'}/{under}" if under else over
+
+
+@checked
+def stays_beside(unit: str, others: Collection[str]) -> bool | None:
+    """Whether a unit is a product of powers of other units and of SI units: cm^2 or N/cm beside cm.
+
+    Parameters
+    ----------
+    unit
+        An accepted unit.
+    others
+        Units; those that are not accepted do not count.
+
+    Returns
+    -------
+    bool or None
+        False: it has no part that measures what one of the others measures, apart from time: SI
+        units in its place change nothing that they share. None: it is neither, as mm beside cm.
+    """
+    known = {other: parts for other in others if (parts := _not_si(other))}
+    own = _not_si(unit)
+    if not own or not known:
+        return False
+    names = list({name for parts in (own, *known.values()) for name in parts})
+    columns = np.array([[parts.get(name, 0.0) for parts in known.values()] for name in names])
+    wanted = np.array([own.get(name, 0.0) for name in names])
+    powers = np.linalg.lstsq(columns, wanted, rcond=None)[0]
+    if np.allclose(columns @ powers, wanted):
+        return True
+    apart = {_without_time(q) for q in (*own, _parse(unit))}
+    shared = {_without_time(q) for o, parts in known.items() for q in (*parts, _parse(o))}
+    return None if (apart & shared) - {_without_time(_parse("1"))} else False
+
+
+def _not_si(unit: str) -> dict[tuple[float, tuple[float, ...]], float]:
+    """Powers of the units in a unit that are not SI units, by factor and dimensions."""
+    found: dict[tuple[float, tuple[float, ...]], float] = {}
+    for name, power in _tokens(unit) if _is_accepted(unit) else ():
+        if ACCEPTED_UNITS[name][0] != 1.0:
+            found[ACCEPTED_UNITS[name]] = found.get(ACCEPTED_UNITS[name], 0.0) + power
+    return {name: power for name, power in found.items() if power}
+
+
+def _is_accepted(unit: str) -> bool:
+    try:
+        return bool(_parse(unit))
+    except ValueError:
+        return False
+
+
+def _without_time(quantity: tuple[float, tuple[float, ...]]) -> tuple[float, ...]:
+    """Dimensions of a quantity, or of its rate."""
+    return tuple(d * (base != "s") for d, base in zip(quantity[1], _BASES, strict=True))
 
 
 def _quantities_in(unit: str) -> set[tuple[float, ...]]:
