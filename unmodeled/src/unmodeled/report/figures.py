@@ -12,21 +12,28 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unmodeled.data import Array, Record
+from unmodeled.search.curves import Law, Motion
 from unmodeled.search.result import Result
 from unmodeled.style import (
+    BLACK,
     BLUE,
     GRAY,
     GREEN,
     NORMAL,
     ORANGE,
     RED,
+    SKY,
+    SMALL,
+    axis_unit,
     new_figure,
     plain_text,
+    raised,
     style_axes,
 )
 from unmodeled.units import readable_unit
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 WIDTH = 9.0  # inches
@@ -34,6 +41,12 @@ WIDTH = 9.0  # inches
 CHANNELS = 24
 #: Largest numbers of records, points of a curve, unknowns, and letters of a name in a figure.
 RECORDS, POINTS, UNKNOWNS, LETTERS = 6, 1200, 24, 44
+#: Largest numbers of small panels of motions, of them in a row, and of laws.
+PANELS, ACROSS, LAWS = 12, 4, 6
+#: Share of the measured range that a model may leave on each side.
+OUTSIDE = 0.6
+#: Half the width of a 95 % interval [standard deviations].
+HALF = 1.96
 
 
 def svg(figure: Figure, name: str) -> str:
@@ -117,6 +130,169 @@ def waterfall(result: Result) -> Figure:
     ax.tick_params(axis="y", length=0)
     ax.margins(x=0.12)
     return figure
+
+
+def motion(motions: Sequence[Motion]) -> Figure:
+    """Measured, the model as it is, and with the changes: the clearest part, then all records.
+
+    Parameters
+    ----------
+    motions
+        The chosen part, then the records by channel.
+    """
+    first, rest = motions[0], motions[1 : 1 + PANELS]
+    across = min(ACROSS, len(rest)) or 1
+    rows = -(-len(rest) // across)
+    figure = new_figure(WIDTH, 3.0 + 1.3 * rows)
+    grid = figure.add_gridspec(1 + rows, across, height_ratios=[2.4, *([1.0] * rows)])
+    _motion_panel(figure.add_subplot(grid[0, :]), first, large=True)
+    for k, m in enumerate(rest):
+        _motion_panel(figure.add_subplot(grid[1 + k // across, k % across]), m, large=False)
+    _key(figure, [("measured", BLACK), ("as it is", ORANGE), ("with the changes", BLUE)])
+    return figure
+
+
+def _motion_panel(ax: Axes, m: Motion, *, large: bool) -> None:
+    """One motion; the model may leave the panel if it leaves the record far."""
+    seen = m.measured[np.isfinite(m.measured)]
+    factor, unit = axis_unit(seen, unit=m.unit)
+    clock, second = axis_unit(m.time, unit="s")
+    width = 1.5 if large else 1.0
+    ax.plot(clock * m.time, factor * m.tabulated, color=ORANGE, ls=(0, (4, 1.5)), lw=width)
+    ax.plot(clock * m.time, factor * m.measured, color=BLACK, lw=2.4 * width, alpha=0.35)
+    ax.plot(clock * m.time, factor * m.changed, color=BLUE, ls=(0, (2.5, 1.0)), lw=width)
+    low, high = limits(m)
+    ax.set_ylim(factor * low, factor * high)
+    title = m.record if large else m.record[: LETTERS // 2]
+    y = f"{m.channel if large else m.channel[:12]} [{raised(unit)}]"
+    style_axes(ax, f"time [{second}]" if large else "", plain_text(y),
+               plain_text(f"{title}, held out" if m.held_out else title))  # fmt: skip
+    ax.locator_params(nbins=6 if large else 3)
+
+
+def limits(m: Motion) -> tuple[float, float]:
+    """Ends of the axis of a motion [its unit]: the measured values, and most of the models."""
+    known = [v[np.isfinite(v)] for v in (m.measured, m.tabulated, m.changed)]
+    low, high = float(known[0].min()), float(known[0].max())
+    room = OUTSIDE * (high - low) or 1.0
+    every = np.concatenate(known)
+    low, high = max(low - room, float(every.min())), min(high + room, float(every.max()))
+    margin = 0.05 * (high - low) or 1.0
+    return low - margin, high + margin
+
+
+def _key(figure: Figure, items: Sequence[tuple[str, str]]) -> None:
+    """Names of the colors above a figure: none covers a curve."""
+    from matplotlib.lines import Line2D
+
+    handles = [Line2D([], [], color=color, lw=2.2) for _, color in items]
+    figure.legend(handles, [n for n, _ in items], loc="outside upper left", ncols=len(items),
+                  frameon=False, fontsize=NORMAL, handlelength=1.4)  # fmt: skip
+
+
+#: Colors and markers of the records of a law.
+RECORD_MARKS = ((BLACK, "o"), (RED, "s"), (GREEN, "^"))
+
+
+def evidence(laws: Sequence[Law]) -> Figure:
+    """The evidence of each change in the coordinates of its law: points, law and interval.
+
+    Parameters
+    ----------
+    laws
+        Laws with the points that the records leave for them.
+    """
+    shown = laws[:LAWS]
+    across = min(2, max(len(shown), 1))
+    rows = -(-len(shown) // across) or 1
+    figure = new_figure(WIDTH if across > 1 else 0.62 * WIDTH, 2.9 * rows + 0.3)
+    panels = figure.subplots(rows, across, squeeze=False).ravel()
+    for ax in panels[len(shown) :]:
+        ax.set_visible(False)
+    for ax, law in zip(panels, shown, strict=False):
+        _law_panel(ax, law)
+    _key(figure, [("records", BLACK), ("law, 95 %", BLUE)])
+    return figure
+
+
+def _law_panel(ax: Axes, law: Law) -> None:
+    """One law, in readable units."""
+    own = [(p.x, p.y) for p in law.points] + [(line.x, line.y) for line in law.lines]
+    (fx, ux), (fy, uy) = (
+        axis_unit(*values, unit=axis.unit)
+        for axis, values in zip((law.x, law.y), zip(*own, strict=True), strict=True)
+    )
+    title = law.title[:1].upper() + law.title[1:] if " " in law.title else law.title
+    style_axes(ax, _axis(law.x.label, ux), _axis(law.y.label, uy), plain_text(title[:LETTERS]))
+    {"records": _bars, "likelihood": _likelihood, "step": _step}.get(law.kind, _curve)(
+        ax, law, fx, fy
+    )
+
+
+def _axis(label: str, unit: str) -> str:
+    return plain_text(label if unit in ("", "1") else f"{label} [{raised(unit)}]")
+
+
+def _curve(ax: Axes, law: Law, fx: float, fy: float) -> None:
+    ax.axhline(0.0, color=GRAY, lw=0.6)
+    for line in law.lines:
+        if law.kind == "law":
+            ax.fill_between(fx * line.x, fy * line.low, fy * line.high, color=SKY, alpha=0.4, lw=0)
+        else:
+            for end in (line.low, line.high):
+                ax.plot(fx * line.x, fy * end, color=SKY, lw=0.7)
+        ax.plot(fx * line.x, fy * line.y, color=BLUE, lw=1.8)
+    records = list(dict.fromkeys(p.label.partition(", ")[0] for p in law.points))
+    for p in law.points:
+        color, mark = RECORD_MARKS[records.index(p.label.partition(", ")[0]) % len(RECORD_MARKS)]
+        way = p.label.rpartition(", ")[2]
+        mark = {"rising": ">", "falling": "<"}.get(way, mark)
+        if np.any(p.sd > 0.0):
+            ax.errorbar(fx * p.x, fy * p.y, HALF * fy * p.sd, fmt=mark, color=color, ms=3.5,
+                        lw=0.8, zorder=3)  # fmt: skip
+        else:
+            ax.plot(fx * p.x, fy * p.y, mark, color=color, ms=3.0, alpha=0.4, mew=0, zorder=1)
+
+
+def _step(ax: Axes, law: Law, fx: float, fy: float) -> None:
+    """A signal over time: with and without the change."""
+    for line, color, style in zip(law.lines, (ORANGE, BLUE), ("--", "-"), strict=True):
+        ax.plot(fx * line.x, fy * line.y, color=color, ls=style, lw=1.6)
+    for p in law.points:
+        ax.plot(fx * p.x, fy * p.y, "o", color=BLACK, ms=2.5, mew=0)
+    at = law.lines[0].x[-1]
+    for line, color in zip(law.lines, (ORANGE, BLUE), strict=True):
+        ax.annotate(line.label, (fx * at, fy * line.y[-1]), (3, 0), textcoords="offset points",
+                    color=color, fontsize=SMALL, va="center", annotation_clip=False)  # fmt: skip
+
+
+def _likelihood(ax: Axes, law: Law, fx: float, fy: float) -> None:
+    """A likelihood with the model as it is, and the records by themselves below it."""
+    curve, as_it_is = law.lines
+    ax.fill_between(fx * curve.x, curve.y, color=SKY, alpha=0.4, lw=0)
+    ax.plot(fx * curve.x, curve.y, color=BLUE, lw=1.8)
+    ax.axvline(fx * as_it_is.x[0], color=ORANGE, ls="--", lw=1.6)
+    left = as_it_is.x[0] < curve.x[np.argmax(curve.y)]
+    ax.annotate(" as it is ", (fx * as_it_is.x[0], 1.08), color=ORANGE, fontsize=SMALL,
+                ha="left" if left else "right")  # fmt: skip
+    gap = 0.5 / max(len(law.points), 3)
+    for k, p in enumerate(law.points):
+        ax.errorbar(fx * p.x, [-gap * (k + 1)], xerr=HALF * fx * p.sd, fmt="o", color=BLACK, ms=3.5,
+                    lw=0.9)  # fmt: skip
+    ax.set_yticks([0.0, 0.5, 1.0])
+    ax.set_ylim(-gap * (len(law.points) + 1), 1.18)
+    del fy
+
+
+def _bars(ax: Axes, law: Law, fx: float, fy: float) -> None:
+    """Sizes by record."""
+    for k, p in enumerate(law.points):
+        ax.bar(k, fy * p.y, 0.6, color=BLUE, yerr=HALF * fy * p.sd, error_kw={"lw": 0.9})
+    many = len(law.points) > 4
+    ax.set_xticks(range(len(law.points)), [plain_text(p.label[:16]) for p in law.points],
+                  rotation=30 if many else 0, ha="right" if many else "center")  # fmt: skip
+    ax.axhline(0.0, color=GRAY, lw=0.6)
+    del fx
 
 
 def residuals(result: Result) -> Figure:
