@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from unmodeled import Equations, Parameter, State, Verdict, diagnose, library
+from unmodeled import Equations, Parameter, State, Verdict, candidates, diagnose, library
 from unmodeled.data import Record, Sensor
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit.model import Candidate, Jobs, SensitivityRequest
@@ -121,3 +121,19 @@ def test_a_wrong_name_is_told_with_the_known_ones(state, ambient, told):
     time = np.zeros(50)
     with pytest.raises(InvalidParameter, match=told):
         diagnose(VESSEL, [effect], [record("r", time, time, time)])
+
+
+def test_a_state_that_stays_where_it_is_has_effects_of_a_finite_size():
+    """Its rate is 0; with an uneven clock, differences of its values are rounding."""
+    time = np.r_[np.arange(0.0, 30.0, 0.5), np.arange(30.0, 70.0), np.arange(70.0, 80.0, 0.1)]
+    current = np.where(time < 30.0, 30.0, 0.0)
+    cell = Equations(
+        lambda t, x, u, p: (0.0 * u.I,),
+        states={"ocv": (4.0, 0.1, "V")},
+        parameters={"R0": (0.002, 0.001, "Ohm")},
+        inputs={"I": "A"},
+        outputs={"V": (lambda t, x, u, p: x.ocv - p.R0 * u.I, "V")},
+    )
+    record = Record(name="p", time=time, inputs={"I": current}, outputs={"V": 4.0 - 1e-3 * current})
+    offered = {e.name: e.scale for e in candidates(cell, record)}
+    assert offered["constant inflow ocv"] == 0.1

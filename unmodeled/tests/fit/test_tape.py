@@ -516,6 +516,21 @@ def test_too_many_branches_are_a_loop():
     assert "or a loop, depend on values" in note
 
 
+@pytest.mark.parametrize("sine", [np.sin, math.sin])
+def test_equations_without_inputs_and_with_the_jobs_of_the_guide(backend, sine):
+    """With and without a trace; magnitudes are not stated."""
+    swing = Equations(
+        lambda t, x, u, p: (-p.c * sine(x.a),),
+        states={"a": (1.0, 0.1, "rad")},
+        parameters={"c": (0.5, 0.1, "1/s")},
+    )
+    record = Record(name="r", time=TIME, inputs={}, outputs={"a": 0.0 * TIME})
+    shown = swing.simulate(record, Jobs(theta=np.full((17, 1), 0.5), starts=np.ones((17, 1))))
+    wanted = 2.0 * np.arctan(np.tan(0.5) * np.exp(-0.5 * TIME))
+    np.testing.assert_allclose(shown[16, :, 0], wanted, rtol=1e-9)
+    swing.sensitivities([SensitivityRequest(record, np.array([0.5]), np.array([1.0]))])
+
+
 # ------------------------------------------------------------------------------ the extension
 
 

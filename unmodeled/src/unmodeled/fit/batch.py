@@ -208,8 +208,9 @@ def _run_jobs(
     for _, jobs in batches:
         shapes = [floats_of(f, t.shape) for f, t in zip(kind.included, jobs.included, strict=True)]
         numbers = np.array([v for s in shapes for v in s])
-        sizes = jobs.magnitudes if jobs.included else np.zeros((jobs.count, 0))
-        constants.append(np.hstack([jobs.theta, sizes, np.tile(numbers, (jobs.count, 1))]))
+        constants.append(
+            np.hstack([jobs.theta, jobs.magnitudes, np.tile(numbers, (jobs.count, 1))])
+        )
     lanes = tracks.lanes(
         track,
         np.vstack(constants).T,

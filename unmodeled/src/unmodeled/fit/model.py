@@ -282,6 +282,8 @@ class Jobs:
 
     def __post_init__(self) -> None:
         count = self.theta.shape[0]
+        if not self.included:
+            object.__setattr__(self, "magnitudes", np.zeros((count, 0)))
         wanted = {"theta": self.theta, "starts": self.starts}
         if self.included:
             wanted["magnitudes"] = self.magnitudes

@@ -297,7 +297,7 @@ class _Part:
         half = 2 * step + self.method.instants[stage]
         x = self.path[step, stage].reshape(self.path.shape[2], -1)
         t, held = self.time + 0.5 * half * self.h, self.held[half]
-        interpreter.rates(t, x, held.reshape(len(held), -1))
+        interpreter.rates(t, x, held.reshape(len(held), t.size))
         return t, x
 
     def _apart(self, values: Array) -> Array:

@@ -31,6 +31,8 @@ from unmodeled.units import same_unit
 TYPICAL = 0.98
 #: Typical loss of a level by a missing flow, as a share of its own rate [1].
 FLOW = 0.1
+#: Motion that is rounding, as a share of the values [1].
+STILL = 1e-12
 
 
 @checked
@@ -142,7 +144,9 @@ def _all(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
 def _typical(values: Array) -> float:
     """Typical size of the values that are finite; 1 if all are zero."""
     known = np.abs(values[np.isfinite(values)])
-    return float(np.quantile(known, TYPICAL)) if known.size and known.max() > 0.0 else 1.0
+    if not known.size or known.max() == 0.0:
+        return 1.0
+    return float(np.quantile(known, TYPICAL) or known.max())
 
 
 def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
@@ -156,7 +160,10 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
     times = [r.time for r, _ in paths]
 
     def rates(values: Sequence[Array]) -> list[Array]:
-        return [np.gradient(v, t) for v, t in zip(values, times, strict=True)]
+        slopes = [np.gradient(v, t) for v, t in zip(values, times, strict=True)]
+        # Of a state that stays where it is, an uneven clock shows the rounding.
+        moves = [np.ptp(v) > STILL * np.abs(v).max() for v in values]
+        return [s * moving for s, moving in zip(slopes, moves, strict=True)]
 
     used: set[str] = set()
     for c in model.coordinates:
