@@ -550,3 +550,22 @@ def test_a_compiler_that_fails_is_told(monkeypatch, tmp_path):
     monkeypatch.setattr("shutil.which", lambda _: None)
     with pytest.raises(RuntimeError, match="no C\\+\\+ compiler: got neither CXX nor c\\+\\+"):
         compile.build(tmp_path)
+
+
+def test_derivatives_with_a_known_and_an_unknown_start_are_tested():
+    model = Equations(
+        lambda t, x, u, p: (x.v, u.F - p.k * x.q),
+        states={"q": (0.0, 0.0, "m"), "v": (0.0, 0.1, "m/s")},
+        parameters={"k": (20.0, 2.0, "1/s^2")},
+        inputs={"F": "m/s^2"},
+        outputs={"q": "q"},
+    )
+    sensors = {"q": Sensor(name="q", unit="m", sigma=1e-4)}
+    record = Record(name="r", time=TIME, inputs={"F": np.sin(5.0 * TIME)},
+                    outputs={"q": 0.0 * TIME}, sensors=sensors)  # fmt: skip
+    request = SensitivityRequest(record, np.array([20.0]), np.zeros(2))
+    two, changes = batch._moves(model, request)
+    assert np.all(two.starts[:, 0] == 0.0)
+    assert np.ptp(two.starts[:, 1]) > 0.0
+    assert changes.shape == (3,)
+    assert changes[1] == 0.0

@@ -374,7 +374,8 @@ def _moves(model: Model, request: SensitivityRequest) -> tuple[Jobs, Array]:
     """
     jobs, columns = changed_jobs(model, request)
     table = np.hstack([jobs.theta, jobs.magnitudes, jobs.starts])
-    pairs = np.array([[row for row, _ in entry] for entry in columns]).reshape(-1, 2)
+    # A known start has no rows: it does not change.
+    pairs = np.array([[row for row, _ in entry] or [0, 0] for entry in columns]).reshape(-1, 2)
     pairs = np.random.default_rng(0).permuted(pairs, axis=1)
     changes = table[pairs] - table[0]  # (columns, 2, all)
     ends = np.cumsum([jobs.theta.shape[1], jobs.magnitudes.shape[1]])
