@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import math
-import re
 import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
-from unmodeled.units import readable_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
     from matplotlib.text import Text
-
-    from unmodeled.data import Array
 
 
 __all__ = [
@@ -42,13 +35,11 @@ __all__ = [
     "SMALL",
     "SURFACE",
     "YELLOW",
-    "axis_unit",
     "body_fill",
     "fit_text",
     "head_line",
     "new_figure",
     "plain_text",
-    "raised",
     "reader_unit",
     "side_legend",
     "spread_apart",
@@ -111,49 +102,6 @@ READER_UNITS = {
 def reader_unit(unit: str) -> tuple[float, str]:
     """Factor and unit for people for an SI unit."""
     return READER_UNITS.get(unit, (1.0, unit))
-
-
-#: Prefixes of SI units by their power of ten.
-PREFIXES = {-9: "n", -6: "\N{MICRO SIGN}", -3: "m", 3: "k", 6: "M", 9: "G"}
-#: Units that take a prefix; g stands for kg.
-PREFIXABLE = {"m", "s", "N", "A", "V", "W", "J", "Pa", "Hz", "rad", "H", "F", "K", "C", "mol"}
-#: Digits of a superscript.
-SUPERSCRIPT = str.maketrans(
-    "-0123456789",
-    "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079",
-)
-
-
-def axis_unit(*values: Array, unit: str) -> tuple[float, str]:
-    """Factor and unit in which the numbers of an axis have few digits.
-
-    Parameters
-    ----------
-    values
-        What the axis shows [unit].
-    unit
-        SI unit.
-    """
-    known = [np.abs(v[np.isfinite(v)]) for v in values]
-    most = max((float(v.max()) for v in known if v.size), default=0.0)
-    factor, name = readable_unit(most, unit)
-    if most == 0.0 or 0.05 <= factor * most < 1e4:
-        return factor, name
-    power = 3 * math.floor(math.log10(most) / 3.0)
-    first, *rest = unit.replace("/", " /", 1).split(" ")
-    if unit in ("", "1"):
-        return 10.0**-power, f"10{str(power).translate(SUPERSCRIPT)}"
-    if power in PREFIXES and (first in PREFIXABLE or first == "kg"):
-        if first == "kg":
-            return (factor, name) if power > 0 else (10.0**3, " ".join(["g", *rest]))
-        own = " ".join([f"{PREFIXES[power]}{first}", *rest]).replace(" /", "/")
-        return 10.0**-power, own
-    return 10.0**-power, f"10{str(power).translate(SUPERSCRIPT)} {unit}"
-
-
-def raised(unit: str) -> str:
-    """A unit with superscripts for its powers."""
-    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPT), unit)
 
 
 def new_figure(width: float, height: float) -> Figure:

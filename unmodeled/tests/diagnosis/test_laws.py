@@ -10,14 +10,13 @@ import pytest
 
 from unmodeled import Effect, Options
 from unmodeled.library import dry_friction, hysteresis, sensor_fault, viscous_friction
-from unmodeled.report.figures import evidence, motion
-from unmodeled.search.curves import Axis, Law, Line, Points, thinned
-from unmodeled.search.laws import law_of
-from unmodeled.search.motions import motions
+from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
+from unmodeled.pictures.laws import law_of
+from unmodeled.pictures.motions import motions
+from unmodeled.report.figures import axis_unit, evidence, motion, raised
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.result import Change
 from unmodeled.search.search import model_alone, search
-from unmodeled.style import axis_unit, raised
 
 from .conftest import spring_record
 from .models import MASS, NOMINAL, record, records

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import math
 import re
 from collections.abc import Sequence
 from html import escape
@@ -12,7 +13,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unmodeled.data import Array, Record
-from unmodeled.search.curves import Law, Motion
+from unmodeled.pictures.curves import Law, Motion
+from unmodeled.search.held_out import HALF
 from unmodeled.search.result import Result
 from unmodeled.style import (
     BLACK,
@@ -24,10 +26,8 @@ from unmodeled.style import (
     RED,
     SKY,
     SMALL,
-    axis_unit,
     new_figure,
     plain_text,
-    raised,
     style_axes,
 )
 from unmodeled.units import readable_unit
@@ -45,8 +45,49 @@ RECORDS, POINTS, UNKNOWNS, LETTERS = 6, 1200, 24, 44
 PANELS, ACROSS, LAWS = 12, 4, 6
 #: Share of the measured range that a model may leave on each side.
 OUTSIDE = 0.6
-#: Half the width of a 95 % interval [standard deviations].
-HALF = 1.96
+
+
+#: Prefixes of SI units by their power of ten.
+PREFIXES = {-9: "n", -6: "\N{MICRO SIGN}", -3: "m", 3: "k", 6: "M", 9: "G"}
+#: Units that take a prefix; g stands for kg.
+PREFIXABLE = {"m", "s", "N", "A", "V", "W", "J", "Pa", "Hz", "rad", "H", "F", "K", "C", "mol"}
+#: Digits of a superscript.
+SUPERSCRIPT = str.maketrans(
+    "-0123456789",
+    "\u207b\u2070\u00b9\u00b2\u00b3\u2074\u2075\u2076\u2077\u2078\u2079",
+)
+
+
+def axis_unit(*values: Array, unit: str) -> tuple[float, str]:
+    """Factor and unit in which the numbers of an axis have few digits.
+
+    Parameters
+    ----------
+    values
+        What the axis shows [unit].
+    unit
+        SI unit.
+    """
+    known = [np.abs(v[np.isfinite(v)]) for v in values]
+    most = max((float(v.max()) for v in known if v.size), default=0.0)
+    factor, name = readable_unit(most, unit)
+    if most == 0.0 or 0.05 <= factor * most < 1e4:
+        return factor, name
+    power = 3 * math.floor(math.log10(most) / 3.0)
+    first, *rest = unit.replace("/", " /", 1).split(" ")
+    if unit in ("", "1"):
+        return 10.0**-power, f"10{str(power).translate(SUPERSCRIPT)}"
+    if power in PREFIXES and (first in PREFIXABLE or first == "kg"):
+        if first == "kg":
+            return (factor, name) if power > 0 else (10.0**3, " ".join(["g", *rest]))
+        own = " ".join([f"{PREFIXES[power]}{first}", *rest]).replace(" /", "/")
+        return 10.0**-power, own
+    return 10.0**-power, f"10{str(power).translate(SUPERSCRIPT)} {unit}"
+
+
+def raised(unit: str) -> str:
+    """A unit with superscripts for its powers."""
+    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPT), unit)
 
 
 def svg(figure: Figure, name: str) -> str:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.search.curves import Motion, thinned
+from unmodeled.pictures.curves import Motion, thinned
 from unmodeled.search.evidence import Fitted
 from unmodeled.search.linear import EvaluationRequest, Linear, evaluate, local_of
 from unmodeled.search.problem import Problem
@@ -21,7 +21,7 @@ MOTIONS, PERIODS, SHORTEST = 24, 4, 40
 def motions(
     problem: Problem, alone: Fitted, best: Fitted, held_out: Collection[str] = ()
 ) -> tuple[Motion, ...]:
-    """The part of a record in which the changes mend most, then all records by channel.
+    """The part of a record in which the changes take away most, then all records by channel.
 
     Parameters
     ----------

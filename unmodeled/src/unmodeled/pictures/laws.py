@@ -18,8 +18,9 @@ from unmodeled.data import Array, Record
 from unmodeled.fit.coordinates import Coordinate, Coupling, Named
 from unmodeled.fit.model import Candidate, Jobs
 from unmodeled.fit.observe import motion, observe_all
-from unmodeled.search.curves import Axis, Law, Line, Points, thinned
+from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
 from unmodeled.search.evidence import Fitted, effective_share
+from unmodeled.search.held_out import HALF
 from unmodeled.search.linear import (
     EvaluationRequest,
     Linear,
@@ -45,8 +46,6 @@ FUNCTION = 0.05
 ROUNDS = 3
 #: Amplitude of a force for a derivative, in the scale of its port.
 STEP = 1e-3
-#: Half the width of a 95 % interval [standard deviations].
-HALF = 1.96
 #: Faults of sensors and inputs that are seen over time.
 OVER_TIME = ("delay", "lag", "clock")
 #: Faults with a level, beyond or within which a signal is lost.

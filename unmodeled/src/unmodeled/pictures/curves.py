@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 
-__all__ = ["Axis", "Law", "Line", "Motion", "Points", "thinned"]
-
 #: Largest number of points of a curve.
 POINTS = 600
 

@@ -1,0 +1,1 @@
+"""What the pictures of a diagnosis show: motions, and the evidence of each change."""
