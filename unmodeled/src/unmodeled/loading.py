@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from unmodeled.data.mapping import Signals
     from unmodeled.fit import Effect, Model
 
-#: Endings of files of MuJoCo models.
-MJCF = (".xml", ".mjcf", ".urdf")
 #: Group of the entry points of extensions.
 GROUP = "unmodeled.models"
 
@@ -268,6 +266,7 @@ def load_model(
         There is no such model, or an argument does not belong to its kind.
     """
     from unmodeled.fit import fmu, mujoco
+    from unmodeled.fit.mjcf_parts import MJCF
     from unmodeled.fit.model import Origin
 
     parameters, unknown, running = parameters or {}, unknown or {}, running or {}

@@ -8,31 +8,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from unmodeled.apart import run_apart, serve
 from unmodeled.arguments import checked
 from unmodeled.data import Record, read_record
 from unmodeled.diagnosis import diagnose
-from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.files import is_file, read_json
+from unmodeled.errors import DataError, InvalidParameter, ModelError, shortened, shown
+from unmodeled.files import beside, is_file, is_folder, read_json
 from unmodeled.fit import fmu, mujoco
 from unmodeled.fit.inclusion import including
-from unmodeled.fit.model import Candidate, Effect, Model
+from unmodeled.fit.mjcf_parts import MJCF, parts_of
+from unmodeled.fit.model import Candidate, Effect, Model, Parameter
 from unmodeled.fit.simulator import Simulator
 from unmodeled.library.defaults import chosen_effects
 from unmodeled.loading import LoadedModel, load_model
-from unmodeled.report.case import (
-    FORMAT,
-    OF_EFFECT,
-    VERSION,
-    as_made,
-    file_and_name,
-    sha256_of,
-    versions,
-)
+from unmodeled.report.case import OF_EFFECT, file_and_name, sha256_of, versions
+from unmodeled.report.stored import Answer, Stored, StoredCandidate, StoredModel, as_made, made
 from unmodeled.search.options import Options
 from unmodeled.search.progress import Progress
 from unmodeled.search.records import ready_records
-from unmodeled.search.result import Result
+from unmodeled.units.quantity import fault_text, validated
 
+#: Largest number of values inside one another in a JSON file.
+DEEPEST = 50
 #: Two numbers agree if they differ by less than this share of their 95 % interval, or of the
 #: larger one: far below what an answer means, and above the rounding of other processors.
 OF_INTERVAL, OF_VALUE = 0.02, 1e-3
@@ -57,22 +54,24 @@ class Verification:
     """A repeated diagnosis beside the stored one."""
 
     rows: tuple[Repeated, ...]
-    """Files that changed, then all numbers."""
+    """Files that changed, or else all numbers."""
     notes: tuple[str, ...]
     """Other versions, and why the answers may differ."""
-    report: Any
-    """The repeated diagnosis, a :class:`unmodeled.Report`."""
+    answer: Mapping[str, Any] | None
+    """The repeated answer as in report.json; None: nothing was run, because a file changed."""
 
     @property
     def agrees(self) -> bool:
         """Whether all files, texts and numbers agree."""
-        return all(r.agrees for r in self.rows)
+        return self.answer is not None and all(r.agrees for r in self.rows)
 
     def __str__(self) -> str:
         wrong = [r for r in self.rows if not r.agrees]
-        count = f"{len(self.rows) - len(wrong)} of {len(self.rows)}"
+        count = f"{len(self.rows) - len(wrong)} of {len(self.rows)} words and numbers agree"
         head = "The answer is the same" if self.agrees else "The answer is another one"
-        lines = [f"{head}: {count} files, words and numbers agree."]
+        if self.answer is None:
+            head, count = "Nothing was run", "files are not those of the case"
+        lines = [f"{head}: {count}."]
         lines += [
             f"- {r.what}: {_told(r.stored, r.unit)} in the case, {_told(r.again, r.unit)} now"
             for r in wrong
@@ -97,8 +96,10 @@ def verify(
     """Repeat the diagnosis of a folder that :meth:`Report.write` wrote, and compare the answers.
 
     Two numbers agree if they differ by less than 2 % of their 95 % interval or 0.1 % of the larger
-    one, probabilities if they differ by less than 0.01. A Python model is executed: only repeat
-    cases that you trust.
+    one, probabilities if they differ by less than 0.01. All files that are read are in the folder
+    and have the hashes of the case; if one has not, nothing is run. The code of a Python model or
+    of an FMU is executed, in a process of its own but with your rights: only repeat cases that you
+    trust.
 
     Parameters
     ----------
@@ -115,69 +116,121 @@ def verify(
     Raises
     ------
     DataError
-        The folder holds no case, or a file of it is missing.
+        The folder holds no case, a file of it is missing, or case.json or report.json is damaged.
     InvalidParameter
         The model is not stored and not given, or it does not have the parameters or the candidates
         of the case.
+    ModelError
+        The process of the model ended without an answer.
     """
     folder = Path(folder)
-    case, stored = _opened(folder)
-    rows = [
+    case = _opened(folder, given=bool(model))
+    stored = validated(Answer, _no_nesting(folder / "report.json"), "report.json", DataError)
+    changed = tuple(
         Repeated(f"file {name}", "1", "the stored hash", "changed", agrees=False)
-        for name, digest in case["sha256"].items()
+        for name, digest in case.sha256.items()
         if sha256_of(folder / name) != digest
-    ]
+    )
+    if changed:
+        return Verification(changed, (), None)
+    asked = {"folder": str(folder), "model": model, "seconds": seconds}
+    raw = run_apart("unmodeled.verification", asked, progress)
+    again = validated(Answer, raw, "the answer of the model's process", ModelError)
+    rows = _compared(stored.model_dump(), again.model_dump())
+    return Verification(tuple(rows), tuple(_notes(case, stored, again)), raw)
+
+
+def repeat(asked: Mapping[str, Any], progress: Callable[[Progress], None] | None) -> dict[str, Any]:
+    """The answer of a repeated diagnosis, as :meth:`Report.as_dict`; runs in the other process."""
+    folder = Path(asked["folder"])
+    case = _opened(folder, given=bool(asked["model"]))
     records = tuple(
-        read_record(folder / r["file"], inputs=r["inputs"], outputs=r["outputs"])
-        for r in case["records"]
+        read_record(folder / r.file, inputs=r.inputs, outputs=r.outputs) for r in case.records
     )
-    loaded, effects = _model_again(folder, case, model, records)
-    options = Options(**as_made(case["options"]))
+    loaded, effects = _model_again(folder, case, asked["model"], records)
+    options: Options = made("case.json: options", _options, case.options)
+    if asked["seconds"] is not None:
+        options = replace(options, seconds=asked["seconds"])
+    hold_out = made("case.json: hold_out", as_made, case.hold_out)
     report = diagnose(
-        loaded,
-        effects,
-        records,
-        hold_out=as_made(case["hold_out"]),
-        options=options if seconds is None else replace(options, seconds=seconds),
-        progress=progress,
+        loaded, effects, records, hold_out=hold_out, options=options, progress=progress
     )
-    rows += _compared(stored, report.as_dict())
-    return Verification(tuple(rows), tuple(_notes(case, stored, report)), report)
+    return report.as_dict()
 
 
-def _opened(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """case.json and report.json of a folder whose files are all there."""
+def _no_nesting(path: Path) -> Any:
+    """Content of a JSON file; a DataError if its values are nested very deeply."""
+    content = read_json(path)
+    todo = [(content, 0)]
+    while todo:
+        value, depth = todo.pop()
+        if depth > DEEPEST:
+            raise DataError(f"{path}: more than {DEEPEST} values are inside one another")
+        inner = value.values() if isinstance(value, dict) else value
+        todo += [(v, depth + 1) for v in inner] if isinstance(value, dict | list) else []
+    return content
+
+
+def _opened(folder: Path, *, given: bool) -> Stored:
+    """case.json of a folder whose files are all there; all that are read are listed in it.
+
+    ``given``: the user gives the model, so that the stored one is not read.
+    """
     path = folder / "case.json"
     if not is_file(path):
         raise DataError(
             f"{folder}: holds no case.json, expected a folder that report.write or "
             "unmodeled diagnose --out wrote"
         )
-    case = read_json(path)
-    known = isinstance(case, dict) and case.get("format") == FORMAT
-    if not known or case.get("version") != VERSION:
-        got = f"{case.get('format')} {case.get('version')}" if isinstance(case, dict) else "a list"
-        raise DataError(f"{path}: got {got}, expected {FORMAT} {VERSION}")
-    needed = ("model", "candidates", "records", "options", "sha256", "hold_out")
-    if lacking := [k for k in needed if k not in case]:
-        raise DataError(f"{path}: lacks {', '.join(lacking)}")
-    wrong = [n for n in case["sha256"] if Path(n).is_absolute() or ".." in Path(n).parts]
-    missing = [n for n in case["sha256"] if not wrong and not is_file(folder / n)]
-    if wrong or missing:
-        what = "names files outside of the folder" if wrong else "lacks files"
-        raise DataError(f"{folder}: {what}: {', '.join(wrong or missing)}")
-    return case, read_json(folder / "report.json")
+    case = validated(Stored, _no_nesting(path), str(path), DataError)
+    records = [Path(r.file) for r in case.records]
+    tables = [p.with_suffix(".toml") for p in records if p.name]
+    needed = [p.as_posix() for p in (*records, *(t for t in tables if is_file(folder / t)))]
+    needed += [] if given or not case.model.file else [case.model.file]
+    named = dict.fromkeys([*case.sha256, *needed, "report.json"])
+    faults = []
+    for name in named:
+        try:
+            there = is_file(beside(folder, name, "case.json"))
+        except InvalidParameter:
+            faults.append(f"{shortened(name)} is outside of the folder")
+            continue
+        faults += [] if there else [f"{shortened(name)} is missing"]
+        faults += [] if name in case.sha256 else [f"{shortened(name)} has no hash in case.json"]
+    if not given:
+        names = (p.relative_to(folder).as_posix() for p in (folder / "model").rglob("*")
+                 if not is_folder(p))  # fmt: skip
+        strange = [n for n in names if n not in case.sha256]
+        faults += [f"{shortened(n)} is no file of the case: remove it" for n in strange]
+    if not faults and not given and Path(case.model.file).suffix.lower() in MJCF:
+        faults = _strange_parts(folder, case)
+    if faults:
+        raise DataError(fault_text(str(folder), faults))
+    return case
+
+
+def _strange_parts(folder: Path, case: Stored) -> list[str]:
+    """Files that the stored MuJoCo model names, but that are not files of the case."""
+    known = {(folder / name).resolve() for name in case.sha256}
+    parts = parts_of(folder / case.model.file).sizes
+    return [
+        f"{case.model.file} names {p}, which is no file of the case; give the model by --model (in "
+        "Python model=)"
+        for p in parts
+        if p.resolve() not in known
+    ]
 
 
 def _model_again(
-    folder: Path, case: Mapping[str, Any], given: str, records: Sequence[Record]
+    folder: Path, case: Stored, given: str, records: Sequence[Record]
 ) -> tuple[Model, tuple[Effect, ...]]:
     """Model and candidates of a case, with the stored priors."""
-    loaded = _loaded(folder, case["model"], given)
+    priors = [made("case.json: parameters", _prior, p) for p in case.model.parameters]
+    loaded = _loaded(folder, case.model, priors, given)
     base = loaded.model
     pool = {e.name: e for e in loaded.with_records(records).effects}
-    wanted = [c["name"] for c in case["candidates"]]
-    shapes = {i["effect"]: as_made(i["shape"]) for i in case["model"]["included"]}
+    wanted = [c.name for c in case.candidates]
+    shapes = {i.effect: i.shape for i in case.model.included}
     if {*wanted, *shapes} - pool.keys():
         ready = ready_records(base, records)
         pool = {e.name: e for e in chosen_effects(ready.model, ready.records, None, ())[0]} | pool
@@ -189,55 +242,87 @@ def _model_again(
         )
     model = base
     if shapes:
-        model = including(base, [Candidate(pool[n], s) for n, s in shapes.items()])
-    priors = {p.name: p for p in map(as_made, case["model"]["parameters"])}
+        included = [made("case.json: included", _candidate, pool[n], s) for n, s in shapes.items()]
+        model = including(base, included)
     own = {p.name: p for p in model.parameters}
-    if own.keys() != priors.keys():
+    if sorted(own) != sorted(p.name for p in priors):
         raise InvalidParameter(
             f"{folder}: the model {base.name} has the parameters {', '.join(own) or 'none'}, the "
-            f"case {', '.join(priors) or 'none'}: expected the same ones"
+            f"case {', '.join(p.name for p in priors) or 'none'}: expected the same ones"
         )
-    if other := {n: p for n, p in priors.items() if p != own[n]}:
+    if other := {p.name: p for p in priors if p != own[p.name]}:
         model = model.with_parameters(other)
-    numbers = ({k: as_made(v) for k, v in c.items() if k in OF_EFFECT} for c in case["candidates"])
-    return model, tuple(replace(pool[n], **v) for n, v in zip(wanted, numbers, strict=True))
+    return model, tuple(
+        made(f"case.json: candidate {c.name}", _disputed, pool[c.name], c) for c in case.candidates
+    )
 
 
-def _loaded(folder: Path, stored: Mapping[str, Any], given: str) -> LoadedModel:
+def _options(stored: Mapping[str, Any]) -> Options:
+    return Options(**as_made(stored))
+
+
+def _candidate(effect: Effect, shape: Any) -> Candidate:
+    return Candidate(effect, as_made(shape))
+
+
+def _prior(stored: Mapping[str, Any]) -> Parameter:
+    parameter = as_made(stored)
+    if not isinstance(parameter, Parameter):
+        raise DataError(f"got {shown(stored)}, expected a Parameter")
+    return parameter
+
+
+def _disputed(effect: Effect, stored: StoredCandidate) -> Effect:
+    """An effect with the numbers of case.json."""
+    given = stored.model_dump(include=set(OF_EFFECT) & stored.model_fields_set)
+    return replace(effect, **{k: as_made(v) for k, v in given.items()})
+
+
+def _loaded(
+    folder: Path, stored: StoredModel, priors: Sequence[Parameter], given: str
+) -> LoadedModel:
     """The model as it was made, from its copy or from what is given instead."""
-    kind, file = stored["made_by"], stored["file"]
-    included = [i["effect"] for i in stored["included"]]
-    parameters = [p for p in map(as_made, stored["parameters"]) if p.name not in included]
+    kind, file = stored.made_by, stored.file
+    included = [i.effect for i in stored.included]
+    parameters = [p for p in priors if p.name not in included]
     name = given or (str(folder / file) if file else "")
-    name += f":{stored['object']}" if file and not given and stored["object"] else ""
-    name = name or stored["object"]
+    name += f":{stored.object}" if file and not given and stored.object else ""
+    name = name or stored.object
     if not name:
         raise InvalidParameter(
-            f"{folder}: its model {stored['name']} is not stored, because no file holds it; name "
+            f"{folder}: its model {stored.name} is not stored, because no file holds it; name "
             "one by --model FILE.py:NAME (in Python model=)"
         )
-    arguments = as_made(stored["arguments"])
+    arguments = made("case.json: arguments", as_made, stored.arguments)
     if kind in ("fmu", "mujoco") and not file_and_name(name)[1]:
         make = fmu if kind == "fmu" else mujoco
-        return LoadedModel(make(name, parameters=parameters, **arguments), default=True)
-    loaded = load_model(name, **(arguments if kind == "load_model" else {}))
+        model = made("case.json: arguments", make, name, parameters=parameters, **arguments)
+        return LoadedModel(model, default=True)
+    given_to = arguments if kind == "load_model" else {}
+    loaded = made("case.json: arguments", load_model, name, **given_to)
     if kind == "Simulator" and isinstance(loaded.model, Simulator):
-        return replace(
-            loaded, model=Simulator(loaded.model.function, parameters=parameters, **arguments)
+        function = loaded.model.function
+        model = made(
+            "case.json: arguments",
+            Simulator,
+            function,
+            parameters=parameters,
+            **arguments,
         )
+        return replace(loaded, model=model)
     return loaded
 
 
-def _notes(case: Mapping[str, Any], stored: Mapping[str, Any], report: Result) -> Iterator[str]:
+def _notes(case: Stored, stored: Answer, again: Answer) -> Iterator[str]:
     """Why answers may differ."""
-    before, now = case["made_with"], versions()
+    before, now = case.made_with, versions()
     for name in sorted({*before, *now} - {"code"}):
         if before.get(name) != now.get(name):
             yield f"{name} {before.get(name, 'none')} in the case, {now.get(name, 'none')} here"
     if before.get("unmodeled") == now["unmodeled"] and before.get("code") != now["code"]:
         yield "unmodeled has another code than that of the case, with the same version"
-    if not (report.complete and stored.get("complete", True)):
-        which = "the repeated" if stored.get("complete", True) else "the stored"
+    if not (again.complete and stored.complete):
+        which = "the repeated" if stored.complete else "the stored"
         yield f"{which} search ended at its limit of time: answers then depend on the processor"
 
 
@@ -255,24 +340,24 @@ def _compared(stored: Mapping[str, Any], again: Mapping[str, Any]) -> Iterator[R
         for name in dict.fromkeys([*one, *other]):
             pair = one.get(name), other.get(name)
             known = [p for p in pair if p is not None]
-            width = max(_number(p["high"]) - _number(p["low"]) for p in known)
+            width = max(p["high"] - p["low"] for p in known)
             for what in (value, "low", "high"):
-                values = [None if p is None else _number(p[what]) for p in pair]
+                values = [None if p is None else p[what] for p in pair]
                 title = f"{lead}{name}{'' if what == value else f', {what}'}"
                 yield _number_row(title, known[0]["unit"], values, OF_INTERVAL * width)
             if table == "named":
-                values = [None if p is None else _number(p["probability"]) for p in pair]
+                values = [None if p is None else p["probability"] for p in pair]
                 yield _number_row(f"{name}, probability", "1", values, OF_PROBABILITY)
     one, other = ({c["name"]: c for c in r["channels"]} for r in (stored, again))
     for name in dict.fromkeys([*one, *other]):
         pair = one.get(name), other.get(name)
         unit = next(p["unit"] for p in pair if p is not None)
         for what in ("tabulated", "calibrated", "explained", "noise"):
-            values = [None if p is None else _number(p[what]) for p in pair]
+            values = [None if p is None else p[what] for p in pair]
             yield _number_row(f"residual of {name}, {what}", unit, values, 0.0)
-    values = [_number(r["nothing"]) for r in (stored, again)]
+    values = [r["nothing"] for r in (stored, again)]
     yield _number_row("no cause is missing, probability", "1", values, OF_PROBABILITY)
-    gains = [None if (g := r["held_out_gain"]) is None else _number(g[0]) for r in (stored, again)]
+    gains = [None if (g := r["held_out_gain"]) is None else g[0] for r in (stored, again)]
     yield _number_row("held-out residual with the causes, share", "1", gains, OF_PROBABILITY)
 
 
@@ -280,10 +365,6 @@ def _listed(answer: Mapping[str, Any], table: str) -> list[dict[str, Any]]:
     """Rows of a table of an answer; those of classes are told beside the named causes."""
     more = [n for group in answer["classes"] for n in group] if table == "named" else []
     return [*answer[table], *more]
-
-
-def _number(value: Any) -> float:
-    return math.nan if value is None else float(value)
 
 
 def _causes(found: Sequence[Any]) -> str:
@@ -304,3 +385,7 @@ def _number_row(what: str, unit: str, values: Sequence[float | None], permitted:
         abs(one), abs(other)
     )
     return Repeated(what, unit, one, other, same or abs(one - other) <= permitted)
+
+
+if __name__ == "__main__":
+    serve(repeat)

@@ -1,21 +1,25 @@
 """A diagnosis as a folder that another person repeats: what it holds, and what verify says."""
 
+import copy
 import importlib.util
 import json
 import shutil
 import sys
 from dataclasses import fields, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import unmodeled
-from unmodeled import Options, Record, Sensor, Simulator, StartPrior
+from unmodeled import Options, Record, Sensor, Simulator, StartPrior, verification
 from unmodeled.cli import main
 from unmodeled.data import read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.fit.mjcf_parts import parts_of
 from unmodeled.fit.model import Origin, Parameter, UserUnit, prior_jobs
-from unmodeled.report.case import _has_effects, as_made, as_stored
+from unmodeled.report.case import _copy, _has_effects, sha256_of
+from unmodeled.report.stored import Answer, as_made, as_stored
 
 LINE = """
 def line(time, inputs, parameters):
@@ -86,7 +90,7 @@ def test_a_case_is_repeated_and_its_numbers_agree(report, written):
     assert [n.cause for n in report.named] == ["offset"]
     found = unmodeled.verify(written)
     assert found.agrees, str(found)
-    one, other = (x.as_dict() for x in (report, found.report))
+    one, other = report.as_dict(), found.answer
     assert one["sets"] == other["sets"]
     assert one["parameters"] == other["parameters"]
     rows = {r.what: r for r in found.rows}
@@ -117,7 +121,7 @@ def test_what_changed_in_a_case_is_told_with_an_exit_code(written, tmp_path, cap
     file.write_text("\n".join(lines) + "\n")
     assert run("verify", at) == 1
     said = capsys.readouterr().out
-    assert "The answer is another one" in said
+    assert "Nothing was run: files are not those of the case." in said
     assert "- file records/03_runs_third_run.csv: the stored hash in the case, changed now" in said
 
 
@@ -211,10 +215,10 @@ def test_records_come_back_bit_by_bit(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c: c.update(version=99), "got unmodeled case 99, expected unmodeled case 1"),
-        (lambda c: c.pop("options"), "lacks options"),
-        (lambda c: c["sha256"].update({"../x": "0"}), "files outside of the folder"),
-        (lambda c: c["sha256"].update({"records/x.csv": "0"}), "lacks files: records/x.csv"),
+        (lambda c: c.update(version=99), "version: got 99, expected 1"),
+        (lambda c: c.pop("options"), "options: "),
+        (lambda c: c["sha256"].update({"../x": "0"}), "../x is outside of the folder"),
+        (lambda c: c["sha256"].update({"records/x.csv": "0"}), "records/x.csv is missing"),
     ],
 )
 def test_a_folder_that_is_no_case_is_told(written, tmp_path, change, said):
@@ -278,3 +282,151 @@ def test_a_file_of_a_model_may_define_its_effects(tmp_path, made_by, text, known
     path.write_text(text)
     assert _has_effects(Origin(made_by, f"{path}:model")) is known
     assert not _has_effects(None)
+
+
+# ------------------------------------------------------------------------- cases of strangers
+
+#: What replaces a value of a JSON file; the first stands for its removal.
+WRONG = (KeyError, None, True, -1, 1e308, "nan", "", "../../x", "/etc/hostname", [], [[]], {},
+         {"class": "Effect"}, {"class": "x"}, "a\0b", [1, "a"])  # fmt: skip
+
+
+def places(node, at=()):
+    """Paths of all values of a JSON file."""
+    for key, value in node.items() if isinstance(node, dict) else enumerate(node):
+        yield (*at, key)
+        if isinstance(value, dict | list):
+            yield from places(value, (*at, key))
+
+
+def put(node, at, value):
+    for key in at[:-1]:
+        node = node[key]
+    if value is KeyError:
+        del node[at[-1]]
+    else:
+        node[at[-1]] = value
+
+
+@pytest.mark.parametrize("file", ["case.json", "report.json"])
+@pytest.mark.parametrize("count", [121, pytest.param(2000, marks=pytest.mark.slow)])
+def test_a_damaged_case_gives_one_message(written, tmp_path, monkeypatch, file, count):
+    at = shutil.copytree(written, tmp_path / "case")
+    whole = {n: json.loads((at / n).read_text()) for n in ("case.json", "report.json")}
+    again = whole["report.json"]
+
+    def here(_module, asked, progress):
+        return verification.repeat(asked, progress)
+
+    def diagnosed(*_, **__):
+        return SimpleNamespace(as_dict=lambda: again)
+
+    monkeypatch.setattr(verification, "run_apart", here)
+    monkeypatch.setattr(verification, "diagnose", diagnosed)
+    read = whole[file] if file == "case.json" else {k: again[k] for k in Answer.model_fields}
+    every = [(p, v) for p in places(read) for v in WRONG]
+    generator = np.random.default_rng(93)
+    picked = generator.choice(len(every), min(count, len(every)), replace=False)
+    refused = 0
+    for k in picked:
+        changed = copy.deepcopy(whole)
+        put(changed[file], *every[k])
+        (at / "report.json").write_text(json.dumps(changed["report.json"]))
+        if file == "report.json":
+            changed["case.json"]["sha256"]["report.json"] = sha256_of(at / "report.json")
+        (at / "case.json").write_text(json.dumps(changed["case.json"]))
+        try:
+            str(unmodeled.verify(at))
+        except unmodeled.errors.Error as error:
+            refused += len(str(error)) < 3000
+        except Exception as error:
+            raise AssertionError(every[k]) from error
+    assert refused > 0.3 * len(picked)
+
+
+def test_a_file_that_changed_stops_before_anything_runs(written, tmp_path):
+    at = shutil.copytree(written, tmp_path / "case")
+    (at / "model" / "rig.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w')\n" + LINE)
+    found = unmodeled.verify(at)
+    assert not found.agrees
+    assert found.answer is None
+    assert [r.what for r in found.rows] == ["file model/rig.py"]
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_model_that_ends_its_process_gives_no_verdict(written, tmp_path, capfd):
+    at = shutil.copytree(written, tmp_path / "case")
+    model = at / "model" / "rig.py"
+    model.write_text("import os\nprint('{\"result\": {}}', flush=True)\nos._exit(0)\n" + LINE)
+    edited(at / "case.json", lambda c: c["sha256"].update({"model/rig.py": sha256_of(model)}))
+    with pytest.raises(unmodeled.errors.ModelError, match=r"without an answer \(exit code 0\)"):
+        unmodeled.verify(at)
+    assert run("verify", at) == 2
+    assert "its model in" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda at: (at / "model" / "helper.py").write_text(""), r"helper\.py is no file of the"),
+        (lambda at: (at / "records" / "01_a.toml").unlink(), r"01_a\.toml is missing"),
+        (lambda at: edited(at / "case.json", lambda c: c["sha256"].pop("model/rig.py")),
+         r"model/rig\.py has no hash"),
+        (lambda at: linked(at / "model" / "rig.py"), r"model/rig\.py is outside of the folder"),
+    ],
+)  # fmt: skip
+def test_verify_reads_listed_files_of_the_folder_only(written, tmp_path, change, said):
+    at = shutil.copytree(written, tmp_path / "case")
+    change(at)
+    with pytest.raises(DataError, match=said):
+        unmodeled.verify(at)
+
+
+def linked(path):
+    """Move a file out of its case, and link to it."""
+    other = path.parents[2] / path.name
+    path.rename(other)
+    path.symlink_to(other)
+
+
+# --------------------------------------------------------------------------- parts of a model
+
+ARM = (
+    '<mujoco><include file="{}"/><worldbody><body name="arm"><joint name="j" axis="0 1 0" '
+    'damping="0.1"/><geom size=".02" mass="1"/></body></worldbody>'
+    '<actuator><motor name="m" joint="j"/></actuator></mujoco>'
+)
+COMMON = '<mujoco><option timestep="0.01"/></mujoco>'
+
+
+def test_a_part_beside_the_folder_of_a_model_is_stored_and_listed(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "common").mkdir()
+    (tmp_path / "robot").mkdir()
+    (tmp_path / "common" / "x.xml").write_text(COMMON)
+    (tmp_path / "robot" / "arm.xml").write_text(ARM.format("../common/x.xml"))
+    out, kept = tmp_path / "out" / "model", []
+    out.parent.mkdir()
+    place, outside, left = _copy(tmp_path / "robot" / "arm.xml", out, kept, force=False)
+    assert (place, outside, left) == ("robot/arm.xml", ["common/x.xml"], [])
+    assert sorted(kept) == [out / "common" / "x.xml", out / "robot" / "arm.xml"]
+    assert {*parts_of(out / place).sizes} == {*kept}
+    told = unmodeled.mujoco(tmp_path / "robot" / "arm.xml", parameters={"j.damping": (None, 0.1)})
+    assert any("outside its folder" in n for n in told.mjcf.notices)
+    written = told.write(tmp_path / "r.xml", np.array([0.2]), (), np.zeros(0))
+    assert "holds what is in ../common/x.xml" in written.read_text()
+
+
+def test_a_part_with_an_absolute_path_is_not_stored(tmp_path):
+    pytest.importorskip("mujoco")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "x.xml").write_text(COMMON)
+    (tmp_path / "robot").mkdir()
+    source = tmp_path / "robot" / "arm.xml"
+    source.write_text(ARM.format(tmp_path / "elsewhere" / "x.xml"))
+    (tmp_path / "out").mkdir()
+    kept = []
+    place, outside, left = _copy(source, tmp_path / "out" / "model", kept, force=False)
+    assert (place, outside) == ("arm.xml", [])
+    assert kept == [tmp_path / "out" / "model" / "arm.xml"]
+    assert left == [f"{tmp_path / 'elsewhere' / 'x.xml'}, which arm.xml names by an absolute path"]

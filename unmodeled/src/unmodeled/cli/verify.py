@@ -29,10 +29,19 @@ def verify(
 
     `unmodeled diagnose --out FOLDER` writes such a folder, and report.write in Python.
 
+    The code of a Python model or of an FMU in FOLDER is executed, in a process of its own but with
+    your rights: only repeat cases that you trust. All files are first compared with the hashes of
+    the case; if one changed, nothing is run.
+
     Exit codes: 0 all files, words and numbers agree; 1 some differ; 2 bad input.
     """
     from unmodeled import verify
 
+    if not model:
+        say(
+            f"If all files are those of the case, the code of its model in {folder} is run.",
+            err=True,
+        )
     line = ProgressLine()
     verification = verify(folder, model=model, seconds=seconds, progress=line)
     line.close()

@@ -125,7 +125,8 @@ def named_file(folder: Path, name: str, where: str) -> str | Path:
 def beside(folder: Path, name: str, where: str) -> Path:
     """Path of a file that another file refers to; it must be in the same folder or below.
 
-    A downloaded mechanism can therefore only refer to files that came with it.
+    A downloaded mechanism or case can therefore only refer to files that came with it, also if it
+    holds links to others.
 
     Raises
     ------
@@ -133,7 +134,12 @@ def beside(folder: Path, name: str, where: str) -> Path:
         The name leads out of the folder; ``where`` names the file and entry, for the message.
     """
     path = Path(name)
-    if path.is_absolute() or path.drive or ".." in path.parts:
+    inside = not (path.is_absolute() or path.drive or ".." in path.parts)
+    try:
+        inside = inside and (folder / path).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # an impossible name, a link to itself
+        inside = False
+    if not inside:
         raise InvalidParameter(
             f"{where}: got {name[:200]!r}, expected a path in the folder of this file or below it"
         )

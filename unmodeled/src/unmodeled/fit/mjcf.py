@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from unmodeled.errors import InvalidParameter, near_names, shortened, which_colu
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
 from unmodeled.fit.mjcf_changes import controls, place_of_payload
+from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.mjcf_start import (
     POSITION,
@@ -210,11 +212,13 @@ class MujocoModel(Simulator):
         values, _ = self.numbers(theta, included, magnitudes)
         patched = self.mjcf.patched(values)
         source = self.mjcf.path.absolute().parent
+        outside = ", ".join(os.path.relpath(p, source) for p in outside_parts(self.mjcf.path))
         assets = (*patched.meshes, *patched.textures, *patched.hfields, *patched.skins)
         if assets and path.absolute().parent != source:  # their files stay where they are
             patched.meshdir = (source / patched.meshdir).as_posix()
             patched.texturedir = (source / patched.texturedir).as_posix()
         told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
+        told += f"; holds what is in {outside}" if outside else ""
         comment = f"<!-- {told.replace('--', '- -')} -->\n"
         return write_text(path, comment + patched.to_xml(), force=force)
 

@@ -26,7 +26,7 @@ from unmodeled.fit.mjcf_changes import (
     quiet,
     set_properties,
 )
-from unmodeled.fit.mjcf_parts import outside_parts
+from unmodeled.fit.mjcf_parts import check_compiled, outside_parts
 from unmodeled.fit.mjcf_start import set_starts
 
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
@@ -140,7 +140,10 @@ class Mjcf:
         if outside:
             names = ", ".join(map(str, outside[:5]))
             more = f" and {len(outside) - 5} more" if len(outside) > 5 else ""
-            self.notices = (f"reads files outside its folder: {names}{more}",)
+            self.notices = (
+                f"reads files outside its folder: {names}{more}; a remedy and a case hold their "
+                "content",
+            )
         mj = import_mujoco()
         try:
             with quiet():
@@ -151,6 +154,7 @@ class Mjcf:
                 """The unchanged model."""
         except (ValueError, RuntimeError, MemoryError, mj.FatalError) as error:
             raise InvalidParameter(f"{self.path}: cannot be read as MJCF: {error}") from None
+        check_compiled(self.path, self.model)
         self.properties: dict[str, Property] = properties(self.model)
         self._structures: dict[tuple[frozenset[str], frozenset[int]], _Structure] = {}
         keys = [k.name for k in self.spec.keys]

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
-import math
+import os
 import platform
 import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 from unmodeled.data import Record, write_record
 from unmodeled.files import (
@@ -30,59 +29,16 @@ from unmodeled.files import (
     write_text,
 )
 from unmodeled.fit.inclusion import Including
-from unmodeled.fit.model import Candidate, Effect, Model, Origin, Parameter, Ready, UserUnit
-from unmodeled.fit.priors import Exposed
+from unmodeled.fit.mjcf_parts import MJCF, Parts, parts_of
+from unmodeled.fit.model import Candidate, Effect, Model, Origin, Ready
 from unmodeled.lazy import lazy_import
 from unmodeled.report.petab import write_petab
+from unmodeled.report.stored import FORMAT, VERSION, as_stored
 from unmodeled.search.options import Options
 from unmodeled.search.result import Result
 
-#: Format and version of case.json.
-FORMAT, VERSION = "unmodeled case", 1
 #: Fields of an effect that are stored: numbers and words, which can be disputed without its code.
 OF_EFFECT = ("scale", "sign", "lower", "upper", "weight", "shapes")
-
-
-# ------------------------------------------------------------------------------------ as JSON
-
-
-_STORED = {c.__name__: c for c in (Parameter, Exposed, Effect, UserUnit)}
-
-
-def as_stored(value: Any) -> Any:
-    """A value as JSON types: every bit of a number, infinite ones as texts.
-
-    Raises
-    ------
-    TypeError
-        It is something else, such as a function.
-    """
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else str(float(value))
-    if value is None or isinstance(value, bool | int | str):
-        return value
-    if isinstance(value, Mapping):
-        return {str(k): as_stored(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [as_stored(v) for v in value]
-    if type(value) in _STORED.values() and is_dataclass(value):
-        own = {
-            f.name: v
-            for f in fields(value)
-            if (v := getattr(value, f.name)) is not f.default and v != f.default
-        }
-        return {"class": type(value).__name__} | {k: as_stored(v) for k, v in own.items()}
-    raise TypeError(f"{type(value).__name__} cannot be stored")
-
-
-def as_made(value: Any) -> Any:
-    """The value of :func:`as_stored`; lists become tuples."""
-    if isinstance(value, dict):
-        own = {k: as_made(v) for k, v in value.items()}
-        return _STORED[own.pop("class")](**own) if "class" in own else own
-    if isinstance(value, list):
-        return tuple(as_made(v) for v in value)
-    return float(value) if value in ("inf", "-inf", "nan") else value
 
 
 # ------------------------------------------------------------------------------------- writing
@@ -118,8 +74,9 @@ class Given:
         base, included = _without_included(self.model)
         origin, why = _origin_of(base)
         copied, left = "", [why] if why else []
+        outside: list[str] = []
         if origin is not None and is_file(source := Path(file_and_name(origin.name)[0])):
-            copied, more = _copy(source, folder / "model", kept, force=force)
+            copied, outside, more = _copy(source, folder / "model", kept, force=force)
             left += more
         chosen_effects = lazy_import("unmodeled.library.defaults:chosen_effects")
         default = {
@@ -150,6 +107,7 @@ class Given:
                 "arguments": arguments,
                 "included": [{"effect": c.name, "shape": as_stored(c.shape)} for c in included],
                 "parameters": [as_stored(p) for p in self.model.parameters],
+                "outside": outside,
             },
             "candidates": [dict(_numbers_of(e)) for e in self.tested],
             "records": rows,
@@ -232,47 +190,32 @@ def _origin_of(model: Model) -> tuple[Origin | None, str]:
     return (origin, why) if origin is not None else (None, why)
 
 
-def _copy(source: Path, folder: Path, kept: list[Path], *, force: bool) -> tuple[str, list[str]]:
-    """Copy the file of a model, and those to which an XML file refers.
+def _copy(
+    source: Path, folder: Path, kept: list[Path], *, force: bool
+) -> tuple[str, list[str], list[str]]:
+    """Copy the file of a model, and the files that it names, as they lie beside one another.
 
-    Returns its place in the folder, and what is not copied.
+    Returns its place in the folder, the places of the files that are outside its own folder, and
+    what is not copied.
     """
-    found, outside = _with_parts(source) if source.suffix == ".xml" else ({source}, [])
-    base = source.absolute().parent
-    for path in sorted(found):
-        target = folder / path.absolute().relative_to(base)
+    source = Path(os.path.normpath(source.absolute()))
+    parts = parts_of(source) if source.suffix.lower() in MJCF else Parts({source: 0})
+    own = [p for p in parts.sizes if p not in parts.absolute]
+    base = Path(os.path.commonpath([p.parent for p in own]))
+    for path in sorted(own):
+        target = folder / path.relative_to(base)
         for parent in reversed(target.relative_to(folder.parent).parents[:-1]):
             make_folder(folder.parent / parent)
         data = read_input(path, most=LARGEST_FILE)
         kept.append(write_file(target, partial(_put, data=data), force=force))
-    return source.name, [f"{path}, to which {source.name} refers" for path in outside]
+    outside = [p for p in own if not p.is_relative_to(source.parent)]
+    left = [f"{p}, which {source.name} names by an absolute path" for p in sorted(parts.absolute)]
+    places = (p.relative_to(base).as_posix() for p in (source, *sorted(outside)))
+    return next(places), [*places], left
 
 
 def _put(path: Path, data: bytes) -> None:
     path.write_bytes(data)
-
-
-def _with_parts(source: Path) -> tuple[set[Path], list[str]]:
-    """Files of a MuJoCo model below its folder, and others to which it refers."""
-    base, found, outside = source.absolute().parent, {source.absolute()}, []
-    todo, folders = [source.absolute()], [Path()]
-    names: list[str] = []
-    while todo:
-        root = ElementTree.fromstring(read_input(todo.pop(), most=LARGEST_FILE))
-        for element in root.iter():
-            folders += [Path(v) for k, v in element.attrib.items() if k.endswith("dir")]
-            name = element.get("file")
-            if name and element.tag == "include" and (base / name) not in found:
-                todo.append(base / name)
-                found.add(base / name)
-            elif name:
-                names.append(name)
-    for name in names:
-        there = [base / d / name for d in folders if is_file(base / d / name)]
-        inside = [p for p in there if ".." not in p.parts and p.is_relative_to(base)]
-        found |= set(inside[:1])
-        outside += [] if inside else [name]
-    return found, outside
 
 
 def sha256_of(path: Path) -> str:
@@ -308,7 +251,9 @@ def _readme(folder: str, case: Mapping[str, Any]) -> str:
         "Repeat it, and compare the numbers:",
         f"    unmodeled verify {folder}{' --model FILE.py:NAME' if left else ''}",
         "Change a prior, a candidate or an option in case.json, and see what it does.",
-        "Verify executes a Python model: only repeat cases that you trust.",
+        "Verify executes the code of a Python model or an FMU: only repeat cases that you trust.",
     ]
+    if outside := model["outside"]:
+        lines += ["", "Of the model, from outside its folder:", *(f"- model/{p}" for p in outside)]
     lines += ["", "Not stored:", *(f"- {text}" for text in left)] if left else []
     return "\n".join(lines) + "\n"
