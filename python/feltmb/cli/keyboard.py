@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -18,6 +18,8 @@ from unmodeled.cli.options import (
     count,
     declare,
     option,
+    pairs,
+    parse_option,
     picture,
     positive,
 )
@@ -34,6 +36,8 @@ from unmodeled.cli.screen import (
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from feltmb.keyboard import Balance, VelocityCurve
 
 
@@ -70,17 +74,92 @@ def _analyzed(file: Path, key_ratio: float | None, whippen: float | None) -> Bal
     return analyze(read_keyboard(file), key_ratio=key_ratio, whippen_weight=weight)
 
 
+def _points(option: str, texts: tuple[str, ...]) -> Any:
+    """A wanted curve [g]: a number, the name of a level, or numbers by key; None: not given."""
+    if not texts:
+        return None
+    if len(texts) == 1 and "=" not in texts[0]:
+        level = option != "--target" and texts[0].isdigit()
+        return texts[0] if level else 1e3 * parse_option(option, texts[0], "kg")
+    return {
+        round(parse_option(option, key, "1")): 1e3 * parse_option(option, value, "kg")
+        for key, value in pairs(option, texts, "KEY=WEIGHT").items()
+    }
+
+
+def _work(
+    balance: Balance,
+    target: tuple[str, ...],
+    hammers: tuple[str, ...],
+    fronts: tuple[str, ...],
+    leads: tuple[str, ...],
+    lead_at: float,
+) -> pd.DataFrame:
+    from feltmb.keyboard import list_of_work
+
+    return list_of_work(
+        balance,
+        target=_points("--target", target),
+        hammers=_points("--hammers", hammers),
+        fronts=_points("--fronts", fronts),
+        leads=[1e3 * parse_option("--leads", text, "kg") for text in leads],
+        lead_at=lead_at,
+    )
+
+
+TARGET = option(
+    "Wanted balance as played, such as 38g, or points of a curve, such as 1=42g,88=36g; default: "
+    "the smooth curve.",
+    words="--target",
+    metavar="CURVE",
+)
+HAMMERS = option(
+    "Wanted strike weight: a level of D. Stanwood, 1 to 13, a weight, or points such as "
+    "1=11g,88=5g; default: the smooth curve.",
+    words="--hammers",
+    metavar="CURVE",
+)
+FRONTS = option(
+    "Wanted front weight in place of a balance: a level of D. Stanwood, 5 to 9, a weight, or "
+    "points.",
+    words="--fronts",
+    metavar="CURVE",
+)
+LEADS = option(
+    "Masses of the leads at hand, such as 8g,14g; their places are told. Default: lead of any "
+    "mass at --lead-at.",
+    words="--leads",
+    metavar="MASS",
+)
+BASE = option(
+    "Action whose lengths and felts are used.",
+    default="grand_action",
+    words="--base",
+    metavar="ACTION",
+    complete=actions,
+)
+LEAD_AT = option("Distance of added lead from the balance pin [m].", positive("m"), 0.14)
+#: Order of the work.
+PARTS = ("friction", "hammer", "spring", "lead")
+
+
 @declare("weights", command, "Balance, outliers, list of work of a keyboard.")
 def weights(
     file: Path = argument(),
     key_ratio: float | None = RATIO,
     whippen: float | None = WHIPPEN,
-    target: float | None = option(
-        "Wanted balance as played [kg], such as 38g; default: the smooth curve.",
-        Quantity("kg", 0.01, 0.1),
+    target: tuple[str, ...] = TARGET,
+    hammers: tuple[str, ...] = HAMMERS,
+    fronts: tuple[str, ...] = FRONTS,
+    leads: tuple[str, ...] = LEADS,
+    lead_at: float = LEAD_AT,
+    order: str = option(
+        "Order of the list: by key, or by work.", click.Choice(["key", "work"]), "key", words="--by"
     ),
-    lead_at: float = option(
-        "Distance of added lead from the balance pin [m].", positive("m"), 0.14
+    strip: Path | None = option(
+        "Draw a strip of all keys at true size, with the leads of the list at their places.",
+        FileName(".pdf", ".svg", ".png"),
+        metavar="FILE",
     ),
     image: Path | None = picture("Draw all weights over the keys."),
     out: Path | None = option(
@@ -98,12 +177,13 @@ def weights(
     and optionally down weight with support spring, key ratio), or JSON of Piano Touch Lab.
     """
     from feltmb.keyboard.report import draw, html_page, key_table, sentences
-    from feltmb.keyboard.work import list_of_work
+    from feltmb.keyboard.strip import draw_strip
 
-    check_targets(out, pictures=(image,), force=force)
+    check_targets(out, pictures=(image, strip), force=force)
     balance = _analyzed(file, key_ratio, whippen)
-    wanted = None if target is None else 1e3 * target
-    work = list_of_work(balance, target=wanted, lead_at=lead_at)
+    work = _work(balance, target, hammers, fronts, leads, lead_at)
+    if order == "work":
+        work = work.sort_values("part", key=lambda p: p.map(PARTS.index), kind="stable")
     if as_json:
         outliers = [vars(o) for o in balance.outliers]
         print_json(
@@ -111,7 +191,7 @@ def weights(
                 "summary": balance.summary(),
                 "notes": list(balance.notes),
                 "outliers": outliers,
-                "work": work.to_dict("records"),
+                "work": work.astype(object).where(work.notna(), None).to_dict("records"),
             }
         )
     else:
@@ -140,18 +220,66 @@ def weights(
     else:
         save_text(out, lambda: html_page(balance, work), force=force)
     save_figure(image, lambda: draw(balance), force=force)
+    save_figure(strip, lambda: draw_strip(balance, work), force=force)
+
+
+@declare("touch", command, "How ten keys feel after the work.")
+def touch(
+    file: Path = argument(),
+    keys: tuple[str, ...] = option(
+        "Keys, such as 4,40; default: ten of them.", words="--keys", metavar="KEY"
+    ),
+    base: str = BASE,
+    key_ratio: float | None = RATIO,
+    whippen: float | None = WHIPPEN,
+    target: tuple[str, ...] = TARGET,
+    hammers: tuple[str, ...] = HAMMERS,
+    fronts: tuple[str, ...] = FRONTS,
+    leads: tuple[str, ...] = LEADS,
+    lead_at: float = LEAD_AT,
+    out: Path | None = option("Write the table.", FileName(".csv"), metavar="FILE"),
+    force: bool = FORCE,
+) -> None:
+    """How keys of FILE feel after the work of the list: simulated slow press, and a press of 5 N.
+
+    The weights are those after the work; lengths, felts and screws are those of a packaged action.
+    """
+    from feltmb.keyboard import after_work, analyze, touch_of_keys
+    from feltmb.keyboard.note import TEN_KEYS
+
+    check_targets(out, force=force)
+    now = _analyzed(file, key_ratio, whippen)
+    done = after_work(now, _work(now, target, hammers, fronts, leads, lead_at))
+    then = analyze(
+        done, key_ratio=key_ratio, whippen_weight=None if whippen is None else 1e3 * whippen
+    )
+    chosen = [round(parse_option("--keys", key, "1")) for key in keys] or [
+        k for k in TEN_KEYS if k <= len(now.frame)
+    ]
+    with working("simulating") as progress:
+        felt = touch_of_keys(then, chosen, base, progress=progress)
+    rows = now.frame.loc[felt.index]
+    felt.insert(1, "up_now", rows["played"] - rows["friction"])
+    felt.insert(1, "down_now", rows["played"] + rows["friction"])
+    show(
+        f"touch after the work, {now.keyboard.name} on {base}",
+        ">key | note | >down now | >down gf | >up now | >up gf | >let-off gf | >hammer m/s at 5 N",
+        [
+            (str(r.Index), r.note, *(f"{v:.1f}" for v in (r.down_now, r.down_weight, r.up_now,
+             r.up_weight, r.let_off_force)), f"{r.hammer_speed:.2f}")
+            for r in felt.itertuples()
+        ],
+        "now: measured; the others: simulated, with the weights after the work",
+    )  # fmt: skip
+    heads = {c: f"{c} [{'m/s' if c == 'hammer_speed' else 'gf'}]" for c in felt if c != "note"}
+    save_text(out, lambda: felt.rename(columns=heads).to_csv(float_format="%.5g"), force=force)
 
 
 @declare("action", command, "Set up the action of one key.")
 def action(
     file: Path = argument(),
     key: int = argument(count(1, 108)),
-    base: str = option(
-        "Action whose lengths and felts are used.",
-        default="grand_action",
-        metavar="ACTION",
-        complete=actions,
-    ),
+    base: str = BASE,
     key_ratio: float | None = RATIO,
     whippen: float | None = WHIPPEN,
     out: Path | None = option("Mechanism file to be written.", FileName(".toml")),
@@ -196,7 +324,6 @@ CURVE = option(
 
 def _curve(points: tuple[str, ...]) -> VelocityCurve:
     from feltmb.keyboard import VelocityCurve
-    from unmodeled.cli.options import pairs, parse_option
 
     if not points:
         return VelocityCurve()

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from feltmb.action.regulate import regulate
 from feltmb.action.touch.static import StaticTouch, static_touch
+from feltmb.action.touch.strikes import simulate_strike
 from feltmb.action.touch.weights import weights
 from feltmb.keyboard.balance import Balance
 from feltmb.mechanism import Action, load_action
 from unmodeled.arguments import checked
 from unmodeled.errors import Error, InvalidParameter
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 GRAM = 9.80665e-3  # N, weight of one gram
 #: Strike weight ratio and key ratio of `grand_action`: ratio ~ key ratio to this power.
@@ -21,6 +25,9 @@ POWER = 2.8
 #: Ratio and weights are met within this share, and this many grams.
 CLOSE, WITHIN = 0.01, 0.3
 ROUNDS = 4
+#: Keys whose touch is simulated; force of their press [N].
+TEN_KEYS = (4, 13, 22, 31, 40, 49, 58, 67, 76, 85)
+PRESS = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +127,53 @@ def action_of_key(
     return KeyAction(
         made, key, touch, wanted, {name: reached[name] for name in wanted}, tuple(notes)
     )
+
+
+@checked
+def touch_of_keys(
+    balance: Balance,
+    keys: Sequence[int] = TEN_KEYS,
+    action: Action | str = "grand_action",
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> pd.DataFrame:
+    """How some keys feel: the action of each key, pressed slowly, and pressed with 5 N.
+
+    Parameters
+    ----------
+    balance
+        Weights that were analyzed, such as those after the work.
+    keys
+        Numbers of the keys, from 1.
+    action
+        Action whose geometry and felts are used.
+    progress
+        Function that is called with what is done.
+
+    Returns
+    -------
+    DataFrame
+        One row a key: ``note``, ``down_weight``, ``up_weight`` and ``let_off_force`` [gf], and
+        ``hammer_speed`` [m/s], the speed at the string after a press with a force of 5 N that rises
+        in 20 ms; NaN: the hammer does not reach the string.
+    """
+    import pandas as pd
+
+    rows = {}
+    for key in dict.fromkeys(keys):
+        if progress is not None:
+            progress(f"key {key}")
+        made = action_of_key(balance, key, action)
+        felt = made.touch
+        speed = simulate_strike(made.action, "pressed", PRESS, felt.end).hammer_speed
+        rows[key] = {
+            "note": balance.frame.at[key, "note"],
+            "down_weight": felt.down_weight / GRAM,
+            "up_weight": felt.up_weight / GRAM,
+            "let_off_force": felt.let_off_force / GRAM,
+            "hammer_speed": math.nan if speed is None else speed,
+        }
+    return pd.DataFrame.from_dict(rows, orient="index").rename_axis("key")
 
 
 def _wanted(balance: Balance, key: int) -> tuple[dict[str, float], list[str]]:

@@ -96,7 +96,7 @@ def draw(balance: Balance) -> Figure:
         axes[3].plot(keys[rows], frame["ratio_curve"][rows], style, color=GREEN, lw=1, label=label)
     _standards(axes[4], "front_weight", keys, given["front_weight"])
     _marks(axes[4], keys, given["front_weight"], sharp, BLUE, "front weight")
-    rows = {"friction": 1, "uneven friction": 1, "balance": 0, "spring": 1}
+    rows = {"friction": 1, "uneven friction": 1, "balance": 0, "spring": 1, "front weight": 4}
     for o in balance.outliers:
         row = rows.get(o.what, 2)
         axes[row].annotate(

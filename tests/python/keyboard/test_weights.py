@@ -7,9 +7,10 @@ import pandas as pd
 import pytest
 from calls import command, refusal, refused
 
-from feltmb.keyboard import analyze, list_of_work, note_name, read_keyboard
+from feltmb.keyboard import after_work, analyze, list_of_work, note_name, read_keyboard
 from feltmb.keyboard.keys import COLUMNS, Keyboard, is_sharp
 from feltmb.keyboard.report import draw, html_page
+from feltmb.keyboard.strip import draw_strip
 
 
 @pytest.fixture(scope="module")
@@ -31,22 +32,22 @@ def changed(tmp_path, file, change):
     return path
 
 
-def test_the_weights_predict_88_balances_within_3_gf(gaveau):
+def test_the_weights_predict_the_balances(gaveau):
     assert gaveau.residual.notna().all()
-    assert gaveau.residual.abs().max() < 3.0
-    assert gaveau.residual.std() < 1.1
+    assert gaveau.residual.abs().max() < 4.0
+    assert gaveau.residual.std() < 1.3
 
 
 def test_keys_that_were_left_out_are_predicted_nearly_as_well(gaveau):
     """The curve does not only follow its own key: every eighth key is taken from the fit."""
     off = []
-    for first in (0, 3, 4):
+    for first in range(8):
         frame = gaveau.keyboard.frame.copy()
         rows = frame.index[first::8]
         frame.loc[rows, ["down_weight", "up_weight"]] = np.nan
         without = analyze(Keyboard("part", frame), whippen_weight=19.5)
         off += list((gaveau.frame["balance"] - without.frame["balance_curve"])[rows])
-    assert np.std(off) < 1.8
+    assert np.std(off) < 1.43
     assert np.mean(np.abs(off) < 3.0) > 0.9
 
 
@@ -88,29 +89,93 @@ def test_planted_faults_are_told(gaveau):
     assert {(60, "friction"), (30, "balance"), (70, "strike weight"), (4, "friction")} <= told
 
 
-def test_the_list_of_work_makes_the_keyboard_even(gaveau):
-    """Done by the balance of weights alone, it leads to the curves."""
-    work = list_of_work(gaveau, target=45.0)
-    frame = gaveau.keyboard.frame.copy()
-    strike, front = frame["strike_weight"].copy(), frame["front_weight"].copy()
-    spring = gaveau.frame["spring"].copy()
-    for row in work.itertuples():
-        lever = gaveau.sharp_factor if is_sharp(row.key) else 1.0
-        if row.part == "hammer":
-            strike[row.key] += row.change
-        elif row.part == "spring":
-            spring[row.key] += row.change
-        elif row.part == "lead":
-            front[row.key] += row.change * 0.140 / (0.225 / lever)
-    after = (
-        gaveau.frame["played"]
-        + gaveau.frame["ratio_curve"] * (strike - frame["strike_weight"])
-        - (spring - gaveau.frame["spring"]).fillna(0.0)
-        - (front - frame["front_weight"])
+def made_up(seed, fault):
+    """A keyboard of one ratio, 5.9, whose leads scatter by 0.8 g; weighed to 1 g."""
+    rng = np.random.default_rng(seed)
+    keys = np.arange(1, 89)
+    x = (keys - 1) / 87
+    lever = np.where([is_sharp(k) for k in keys], 1.05, 1.0)
+    strike, friction = 12.0 - 6.0 * x**1.1, 16.0 - 8.0 * np.sin(1.4 * x)
+    front = (9.25 + 5.9 * strike) * lever - 38.0 + rng.normal(0, 0.8, 88)
+    strike = strike + rng.normal(0, 0.08, 88)
+    frame = pd.DataFrame({"front_weight": front, "strike_weight": strike, "friction": friction},
+                         index=pd.RangeIndex(1, 89, name="key"))  # fmt: skip
+    frame["friction"] += rng.normal(0, 0.7, 88)
+    fault(frame)
+    balance = (9.25 + 5.9 * frame["strike_weight"]) * lever - frame["front_weight"]
+    for name, sign in (("down_weight", 1.0), ("up_weight", -1.0)):
+        frame[name] = (balance + sign * frame["friction"] + rng.normal(0, 1.0, 88)).round()
+    frame["front_weight"] = (frame["front_weight"] + rng.normal(0, 0.1, 88)).round(1)
+    frame["strike_weight"] = (frame["strike_weight"] + rng.normal(0, 0.03, 88)).round(1)
+    return Keyboard("made up", frame.reindex(columns=list(COLUMNS)).astype(float))
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_one_ratio_is_drawn_as_nearly_a_line(seed):
+    """Generalized cross-validation drew it with 21 to 24 turns."""
+    balance = analyze(made_up(seed, lambda _: None))
+    ratio = balance.frame["ratio_curve"] / np.where(
+        balance.frame["sharp"], balance.sharp_factor, 1.0
     )
-    assert (after - 45.0).abs().max() <= 1.0
-    assert (strike - gaveau.frame["strike_curve"]).abs().max() <= 0.2
+    assert ratio.between(5.75, 6.05).all()
+    turns = np.count_nonzero(np.diff(np.sign(np.diff(ratio))))
+    assert turns <= 3
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_lead_that_is_missing_stands_out_and_one_that_balances_does_not(seed):
+    def fault(frame):
+        frame.loc[17, "friction"] += 7.0
+        frame.loc[46, "strike_weight"] += 1.2
+        frame.loc[60, ["strike_weight", "front_weight"]] += [1.2, 1.2 * 5.9]  # balanced by lead
+        frame.loc[70, "front_weight"] -= 5.0
+
+    found = analyze(made_up(seed, fault)).outliers
+    told = {(o.key, o.what) for o in found}
+    planted = {(17, "friction"), (46, "strike weight"), (60, "strike weight"), (70, "front weight")}
+    assert planted <= told
+    assert len(told - planted) <= 1
+    assert "a lead is missing" in next(o.reason for o in found if o.what == "front weight")
+
+
+@pytest.mark.parametrize(
+    ("options", "name", "value"),
+    [
+        ({"target": 45.0}, "played", 45.0),
+        ({"target": {1: 52.0, 88: 40.0}}, "played", np.linspace(52.0, 40.0, 88)),
+        ({"hammers": "6"}, "strike_weight", [10.8, 4.9]),
+        ({"fronts": {1: 30.0}, "leads": [8.0, 14.0]}, "front_weight", 30.0),
+    ],
+)
+def test_the_list_of_work_makes_the_keyboard_even(gaveau, options, name, value):
+    """Done by the balance of weights alone, it leads to the curves."""
+    work = list_of_work(gaveau, **options)
+    after = analyze(after_work(gaveau, work), whippen_weight=19.5)
+    found = (after.frame if name == "played" else after.keyboard.frame)[name].to_numpy()
+    if name == "strike_weight":
+        found, near = found[[0, -1]], 0.2
+    else:
+        near = 1.0
+    assert np.abs(found - value).max() <= near + 1e-9
     assert list(work[work["part"] == "friction"]["key"]) == [4]
+    assert after.frame.at[4, "friction"] == pytest.approx(gaveau.frame.at[4, "friction_curve"])
+    if "leads" in options:
+        leads = work[work["part"] == "lead"]
+        assert set(leads["change"]) <= {8.0, 14.0}
+        assert leads["place"].abs().max() <= 0.2
+
+
+def test_the_strip_has_each_lead_at_its_place_at_true_size(gaveau):
+    from matplotlib.patches import Circle
+
+    work = list_of_work(gaveau, target=45.0, leads=[10.0])
+    figure = draw_strip(gaveau, work)
+    (axes,) = figure.axes
+    leads = work[work["part"] == "lead"]
+    disks = [p for p in axes.patches if isinstance(p, Circle)]
+    assert [d.center[1] for d in disks] == pytest.approx(list(1e3 * leads["place"]))
+    low, high = axes.transData.transform([[0.0, 0.0], [100.0, 100.0]]) / figure.dpi * 25.4
+    assert np.abs(high - low) == pytest.approx([100.0, 100.0])
 
 
 def test_names_of_the_keys():
@@ -244,6 +309,10 @@ def test_without_front_and_strike_weights_there_is_balance_and_friction(tmp_path
 def test_bad_numbers_of_the_call_are_refused(gaveau):
     refused(lambda: list_of_work(gaveau, lead_at=0.4), "lead_at: got 0.4 m")
     refused(lambda: list_of_work(gaveau, target=0.038), "target: got 0.038 g")
+    refused(lambda: list_of_work(gaveau, hammers="14"), "hammers: got '14'", "12, 13")
+    refused(lambda: list_of_work(gaveau, fronts={99: 8.0}), "fronts: got 8 g at key 99")
+    refused(lambda: list_of_work(gaveau, target=40.0, fronts="7"), "lead reaches one of them")
+    refused(lambda: list_of_work(gaveau, leads=[0.01]), "leads: got [0.01] g")
     refused(lambda: analyze(gaveau.keyboard, key_ratio=5.0), "key_ratio: got 5")
 
 
@@ -253,7 +322,7 @@ def test_bad_numbers_of_the_call_are_refused(gaveau):
 def test_the_page_holds_everything_and_loads_nothing(gaveau):
     text = html_page(gaveau, list_of_work(gaveau))
     assert "http" not in text
-    assert "ease, 4.5 gf less friction" in text
+    assert "ease, 4.3 gf less friction" in text
     assert text.count("<tr>") > 88 + 50
     assert "key 4" in text or "<td>4</td>" in text
     assert set(COLUMNS) - {"key_ratio", "whippen_weight", "strike_weight_ratio"} <= {
@@ -271,11 +340,19 @@ def test_command(file, tmp_path):
     out = tmp_path / "page.html"
     done = command("keyboard", file, "--whippen", "19.5g", "-o", out)
     assert done.exit_code == 0
-    assert "88 of 88 keys within 3 gf" in done.output
+    assert "86 of 88 keys within 3 gf" in done.output
     assert "on 48 keys" in done.output
     assert out.stat().st_size > 100_000
     told = json.loads(command("keyboard", "weights", file, "--json").output)
     assert [o["key"] for o in told["outliers"]] == [4, 41]
+    strip = tmp_path / "strip.pdf"
+    done = command("keyboard", file, "--target", "1=50g,88=42g", "--hammers", "6", "--by", "work",
+                   "--leads", "8g,14g", "--strip", strip)  # fmt: skip
+    parts = [w for line in done.output.splitlines() for w in line.split()[2:3]]
+    parts = [p for p in parts if p in ("hammer", "lead")]
+    assert parts == sorted(parts)
+    assert "8.0 g of lead" in done.output
+    assert strip.read_bytes().startswith(b"%PDF")
     assert "there is no such file" in refusal("keyboard", "nothing.csv")
 
 
@@ -287,6 +364,16 @@ def test_bad_keys_and_actions_are_refused(gaveau):
 
     refused(lambda: action_of_key(gaveau, 89), "key: got 89, expected 1 to 88")
     refused(lambda: action_of_key(gaveau, 40, "steinway45_leaded"), "its hammer hangs")
+
+
+@pytest.mark.slow
+def test_the_touch_after_the_work_weighs_what_was_wanted(file, tmp_path):
+    out = tmp_path / "t.csv"
+    command("keyboard", "touch", file, "--keys", "40", "--target", "45g", "--whippen", "19.5g",
+            "-o", out)  # fmt: skip
+    row = pd.read_csv(out).iloc[0]
+    assert (row["down_weight [gf]"] + row["up_weight [gf]"]) / 2 == pytest.approx(45.0, abs=1.5)
+    assert 1.0 < row["hammer_speed [m/s]"] < 4.0
 
 
 @pytest.mark.slow
