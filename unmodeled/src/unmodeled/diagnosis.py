@@ -104,8 +104,7 @@ def diagnose(
         if varies(problem):
             problem = with_variation(problem)
         meter.stage("fit")
-        whole = by_us and len(ready.records) > len(problem.held_out)
-        searched = search(problem, options, meter.stage, meter.step, exchangeable=whole)
+        searched = search(problem, options, meter.stage, meter.step)
         needed = meter.needed
         check = Limit(began + FITS * options.seconds, meter.step)
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
@@ -134,7 +133,11 @@ def _interrupted() -> Iterator[None]:
 
 def _split(problem: Problem) -> tuple[str, ...]:
     """A note about records that are held out because nobody stated which."""
-    return (f"held out: {', '.join(o.record.name for o in problem.held_out)} (hold_out=)",)
+    names = ", ".join(o.record.name for o in problem.held_out)
+    return (
+        f"held out: {names}, chosen before any fit from the ranges of inputs and outputs "
+        "(hold_out=)",
+    )
 
 
 def _clocks(problem: Problem) -> Iterator[str]:

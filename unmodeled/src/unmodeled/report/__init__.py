@@ -43,6 +43,7 @@ from unmodeled.search.records import same_number
 from unmodeled.search.result import (
     Cell,
     Change,
+    Finding,
     Place,
     Reason,
     Result,
@@ -63,10 +64,10 @@ __all__ = ["Explained", "Report", "explained_model", "render_page"]
 REASONS = {
     Reason.NOISE_NOT_STATED: "No noise of a sensor is stated; it is taken from what the model "
     "leaves, as far as neighboring samples do not share it.",
-    Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not named{which}: it has another "
+    Reason.DIFFERS_BETWEEN_RECORDS: "A probable cause is not in the answer{which}: it has another "
     "magnitude in each record, as an imitation of something that is not in the list has.",
-    Reason.NOT_NEEDED: "A probable cause is not named{needless}: the set without it was not "
-    "fitted, or the held-out records refuse it.",
+    Reason.WORSE_THAN_MEAN: "No cause is told: with the most probable ones, the mean of the "
+    "held-out records predicts them better.",
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",
@@ -74,6 +75,12 @@ REASONS = {
     Reason.INTERRUPTED: "The search was interrupted: what was not fitted may explain as much.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
     "than the tabulated one.",
+}
+#: What a line of the list says of changes that are not named.
+UNSURE = {
+    "supported": "whether it is the cause is not sure: another law could do the same",
+    "small": "it is sure, and takes away less than what matters",
+    "unsure": "it is a part of the fit, and whether it is there is not sure",
 }
 #: Verdicts as words.
 VERDICTS = {
@@ -122,33 +129,70 @@ def _statement(result: Result) -> str:
     else:
         misses = f"the tabulated model fails; with fitted parameters, it misses {fitted} of the "
         misses += f"motion of {c.name}"
+    told, last = _told(result), _last(result)
     if result.verdict is Verdict.UNKNOWN:
         first = f"The cause is not known: {misses}. {_unexplained(result)}."
-    elif result.changes:
-        told = [clause(x) for x in result.changes[:HEADLINE]]
-        told += _others(result.changes[HEADLINE:])
-        unnamed = _unnamed(result)
-        told += [f"{joined(unnamed)}, a part of the fit that is not named"] if unnamed else []
-        count = len(result.changes) + len(unnamed)
-        those = {1: "this", 2: "both"}.get(count, f"all {count}")
-        found = f"falls from {before} to {after}" if math.isfinite(c.tabulated) else f"is {after}"
-        first = (
-            f"{joined(told, ', and').replace(' , and', ', and')}: with {those}, the residual of "
-        )
-        everywhere = " in all records" * any(x.held_out for x in result.changes)
-        first = f"{first[:1].upper()}{first[1:]}{c.name} {found} of its motion{everywhere}."
-        if unsure := joined([x.name for x in result.changes if x.tier == "supported"], "or"):
-            first += f" Whether {unsure} is the cause is not sure: another law could do the same."
+    elif told:
+        first = _falls(result, told, before, after)
     elif result.complete:
-        quiet = all(c.explained <= NOISE * c.noise for c in result.channels if c.noise > 0.0)
+        quiet = not last and all(c.explained <= NOISE * c.noise for c in result.channels
+                                 if c.noise > 0.0)  # fmt: skip
         first = f"No cause {'' if quiet else 'that matters '}is missing: {misses}."
     else:
         first = f"No cause was found before the search ended: {misses}."
+    first += last
     if Reason.NOTHING_INSIDE in result.reasons:
         first += (
             " No effect inside the model was tested; errors of inputs and sensors may imitate one."
         )
     return f"{first} {_remains(result)}"
+
+
+def _told(result: Result) -> list[Change]:
+    """The changes that the first sentence tells."""
+    return [c for c in result.changes if c.tier not in ("small", "unsure")]
+
+
+def _falls(result: Result, told: Sequence[Change], before: str, after: str) -> str:
+    """The sentence of what changes and of what is left with all of it."""
+    c, rest = result.worst, told[HEADLINE:]
+    words = [*(clause(x) for x in told[:HEADLINE]), *_others(rest)]
+    those = {1: "this", 2: "both"}.get(len(told), f"all {len(told)}")
+    if not math.isfinite(c.tabulated):
+        found = f"with {those}, the residual of {c.name} is {after} of its motion"
+    elif before == after:  # another output shows it
+        found = f"with {those}, {after} of the motion of {c.name} is left"
+    else:
+        found = f"with {those}, the residual of {c.name} falls from {before} to {after} of its "
+        found += "motion"
+    first = joined(words, ", and").replace(" , and", ", and")
+    first = f"{first[:1].upper()}{first[1:]}: {found}."
+    if unsure := joined([x.name for x in told if x.tier == "supported"], "or"):
+        first += f" Whether {unsure} is the cause is not sure: another law could do the same."
+    return first
+
+
+def _last(result: Result) -> str:
+    """A sentence about what is small, and one about what is not sure."""
+    small = [c for c in result.changes if c.tier == "small" and c.kind != "parameter"]
+    unsure = [c for c in result.changes if c.tier == "unsure"]
+    text = ""
+    if small:
+        text += f" {_capital(clause(small[0]))}: this is sure, and small"
+        text += f" ({percent(small[0].takes)} of the motion of {small[0].channel})."
+    if unsure:
+        so_far = "Best so far" if not result.complete else "Also fitted, and not sure"
+        text += f" {so_far}: {joined([_without_may(c) for c in unsure[:HEADLINE]])}."
+    return text
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _without_may(c: Change) -> str:
+    """Name of a change that is not sure, with its equivalents."""
+    return joined([c.name, *(e.name for e in c.equivalents[:1])], "or")
 
 
 def _others(rest: Sequence[Change]) -> list[str]:
@@ -166,6 +210,8 @@ def _unexplained(result: Result) -> str:
     tried = any(s.causes for s in result.sets) or len(result.not_tried) < result.causes
     if untried and not tried:
         return f"It is not judged why: {untried}"
+    if result.unsure:
+        return "What was fitted may imitate it"
     if result.refused:
         it = "it has" if len(result.refused) == 1 else "they have"
         return (
@@ -209,19 +255,11 @@ def _remains(result: Result) -> str:
     )
 
 
-def _unnamed(result: Result) -> list[str]:
-    """Causes that are a part of the fit, but are not reported."""
-    reported = {n.cause for g in (result.named, *result.classes, result.supported) for n in g}
-    return [name for name in result.reported if name not in reported]
-
-
 def _changes(result: Result) -> _Section:
     """The list of changes, with what a reader must know beside it."""
-    which = f" ({joined(unnamed)}, a part of the fit)" if (unnamed := _unnamed(result)) else ""
-    which = f" ({joined(result.refused)})" if result.refused else which
-    needless = f" ({joined(result.not_needed)})" if result.not_needed else ""
+    which = f" ({joined(result.refused)})" if result.refused else ""
     lines = [
-        REASONS[r].format(which=which, needless=needless)
+        REASONS[r].format(which=which)
         for r in result.reasons
         if r in REASONS and not (r is Reason.NOT_COMPLETE and Reason.INTERRUPTED in result.reasons)
     ]
@@ -241,18 +279,15 @@ def _item(c: Change) -> str:
     notes = [text[:1].upper() + text[1:]]
     if c.within is not None:
         notes.append(f"{'within' if c.within else 'outside'} its tolerance")
-    if c.tier == "supported":
-        notes.append("whether it is the cause is not sure: another law could do the same")
+    if c.tier in UNSURE:
+        notes.append(UNSURE[c.tier])
     if c.tier == "named":
         sure = f"{100.0 * c.probability:.0f}"
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
-        where = "with the listed parameters alone, " * (c.kind == "parameter")
-        where += "in held-out records, " * c.held_out
-        left = f"{where}{percent(c.after)} of the motion of {c.channel} is left"
         lost = math.isinf(c.before)
         less = "the simulation fails without it" if lost else f"{percent(c.before)} without it"
-        notes.append(f"{left}, and {less}")
+        notes.append(f"{percent(c.after)} of the motion of {c.channel} is left, and {less}")
     if len(c.by_record) > 1:
         factor, _ = scale(c.low, c.high, c.unit, relative=c.relative)
         shown, half = factor * (sign_of_delay(c) or 1.0), 0.5 * factor * (c.high - c.low)
@@ -280,13 +315,12 @@ def _held_out(result: Result) -> _Section:
     if result.held_out_gain is not None:
         value, low, high = (round(100.0 * (1.0 - g)) for g in result.held_out_gain)
         what = f"shrinks by {value} %" if value > 0 else f"grows by {-value} %"
-        causes = "the causes"
-        if not (result.named or result.classes or result.supported) and result.sets:
-            causes = f"{joined(result.sets[0].causes)}, which is not needed"
         if value:
             lines = [
-                f"Where nothing was fitted, the residual {what} with {causes} ({high} to {low} %)."
+                f"Where nothing was fitted, the residual {what} with {joined(result.reported)} "
+                f"({high} to {low} %)."
             ]
+        lines += [_by_record(f) for f in result.findings if f.member and f.of > 1]
     remaining = [c for c in result.channels if c.fitted_explained < c.held_out_explained > c.limit]
     if remaining:
         c = max(remaining, key=lambda c: c.held_out_explained / c.limit)
@@ -300,6 +334,12 @@ def _held_out(result: Result) -> _Section:
             line += ": something acts in the held-out ones that these do not show"
         lines.append(f"{line}.")
     return _Section("Held-out records", lines)
+
+
+def _by_record(f: Finding) -> str:
+    """How many of the held-out records need a member of the answer."""
+    also = ": these records also chose the answer" if f.predicts else ""
+    return f"{f.cause}: better in {f.better} of {f.of} held-out records{also}."
 
 
 def _worst_cell(result: Result, attribute: str) -> tuple[Cell, str] | None:
@@ -371,7 +411,7 @@ def _next(result: Result) -> list[str]:
             "parameter of the function or the FMU that is zero without it, which you may have to "
             "add where the model is made; or coordinates= of equations."
         )
-    for c in result.changes:
+    for c in _told(result):
         if c.tier == "fitted":
             steps.append(_repair(c))
         elif not c.equivalents:
@@ -478,7 +518,8 @@ class Report(Result):
     """Result of :func:`unmodeled.diagnose`, with its texts, table and figures."""
 
     model: Explained | None = None
-    """The model with the fitted parameters and the named effects; None: it is not known."""
+    """The model with the fitted parameters and the effects of the answer; of a class, the member
+    that is told first. None: it is not known."""
     case: Given | None = None
     """What the diagnosis was given, for those who repeat it; None: it is not known."""
     cached: str = ""
@@ -658,7 +699,7 @@ class Report(Result):
 
 @dataclass(frozen=True, eq=False)
 class Explained:
-    """A model with fitted parameters and named effects."""
+    """A model with fitted parameters and the effects of the answer."""
 
     original: Model
     theta: Array
@@ -725,7 +766,7 @@ class Explained:
 
 @checked
 def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> Explained:
-    """The model with the fitted parameters and the named effects of its diagnosis.
+    """The model with the fitted parameters and the effects of the answer of its diagnosis.
 
     Parameters
     ----------
@@ -738,15 +779,13 @@ def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> 
     """
     fitted = {p.name: p.value for p in result.parameters}
     by_name = {e.name: e for e in effects}
-    named = [
-        n
-        for n in result.named
-        if n.cause in by_name and same_number(model, by_name[n.cause]) is None
-    ]
+    every = (*result.named, *result.supported,
+             *(g[0] for g in (*result.classes, *result.small, *result.unsure)))  # fmt: skip
+    told = [n for n in every if n.cause in by_name and same_number(model, by_name[n.cause]) is None]
     return Explained(
         model,
         np.array([fitted.get(p.name, p.value) for p in model.parameters]),
-        tuple(Candidate(by_name[n.cause], n.shape) for n in named),
-        np.array([n.magnitude for n in named]),
+        tuple(Candidate(by_name[n.cause], n.shape) for n in told),
+        np.array([n.magnitude for n in told]),
         f"unmodeled diagnose of {', '.join(result.records)}",
     )

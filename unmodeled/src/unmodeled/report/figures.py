@@ -123,14 +123,15 @@ def steps(result: Result) -> list[tuple[str, float]]:
     channel, k = result.worst, result.channels.index(result.worst)
     found = [("tabulated", channel.tabulated), ("calibrated", channel.calibrated)]
     known = {frozenset(s.causes): s.residual[k] for s in result.sets}
-    words = {n.cause: " or ".join(m.cause for m in g) for g in result.classes for n in g}
-    words |= {n.cause: n.cause for n in result.named}
+    groups = (*((n,) for n in (*result.named, *result.supported)), *result.classes,
+              *result.small, *result.unsure)  # fmt: skip
+    words = {n.cause: " or ".join(m.cause for m in g) for g in groups for n in g}
     done: frozenset[str] = frozenset()
-    rest = [name for name in result.reported if name in words]
+    rest = list(result.reported)
     while rest:
         fitted = [(known[done | {n}], n) for n in rest if done | {n} in known]
         if not fitted or len(rest) == 1:
-            found.append((" and ".join(words[n] for n in rest), known[frozenset(result.reported)]))
+            found.append((" and ".join(words[n] for n in rest), channel.explained))
             break
         value, name = min(fitted)
         found.append((words[name], value))

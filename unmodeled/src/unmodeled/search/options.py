@@ -5,9 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
+
+#: Share of the motion that does not matter, unless the user states it.
+GOOD_ENOUGH = 0.01
+
+Tolerances = Literal["auto", "drawn", "kept"]
 
 
 @checked
@@ -29,6 +35,15 @@ class Options:
     """Largest number of effects in a set [1]."""
     tries: int = 8
     """Number of effects that are fitted together with a set in each round, and of pairs [1]."""
+
+    tolerances: Tolerances = "auto"
+    """What the standard deviation of a parameter says: ``"drawn"``: all parameters deviate by
+    about theirs, as those of a new machine; ``"kept"``: few do, as after a repair; ``"auto"``: the
+    records decide."""
+
+    def matters(self, name: str, unit: str, motion: float) -> float:
+        """Residual of an output from which on it matters [unit of the output]."""
+        return self.good_enough.get(name, self.good_enough.get(unit, GOOD_ENOUGH * motion))
 
     def __post_init__(self) -> None:
         faults = []

@@ -24,6 +24,8 @@ from unmodeled.fit.subject import Scope, Subject, SubjectKind
 RELEASED = 5.0
 #: Scales of a start state that is not known: as good as any value.
 UNKNOWN_START = 1e3
+#: Deviation of a parameter that keeps its tabulated value, in standard deviations of its prior.
+NARROW = 0.1
 #: Number of samples as which a discrepancy counts for a name, and for the search: it also collects
 #: sets that predict better without being surely the cause.
 STRICT, TRUSTED = 20.0, 60.0
@@ -185,6 +187,8 @@ class Problem:
     discrepancy_samples: float = TRUSTED
     """Number of samples as which a discrepancy of the model counts, in all channels together,
     besides those that the unknown starts take up [1]."""
+    narrow: frozenset[int] = frozenset()
+    """Parameters that keep their tabulated values, as indices of the free ones."""
 
     @cached_property
     def discrepancy_samples_with_starts(self) -> float:
@@ -215,9 +219,10 @@ class Problem:
 
     @cached_property
     def prior(self) -> Array:
-        """Weights of the priors of the free parameters [1]: 1, and nearly 0 without a prior."""
+        """Weights of the priors of the free parameters [1]: 1, nearly 0 without a prior."""
         sd = np.array([self.model.parameters[i].sd for i in self.free], dtype=np.float64)
         known = np.where(np.isfinite(sd), sd, UNKNOWN_START * self.unit)
+        known[list(self.narrow)] *= NARROW
         return np.asarray((self.unit / known) ** 2)
 
     @cached_property

@@ -362,8 +362,8 @@ def split_records(
 ) -> tuple[tuple[Record, ...], tuple[Record, ...]]:
     """Split records into fitted and held-out records.
 
-    Held out are the named records; without names, those with the role "held_out", else every third
-    of three or more records. Of one or two records, every second of five blocks is held out (two
+    Held out are the named records; without names, those with the role "held_out", else a third of
+    three or more records, see :func:`_third`. Of one or two records, every second of five blocks is held out (two
     blocks if there are less than 100 samples): both parts keep all times, and the outputs of the
     other blocks are removed.
 
@@ -384,7 +384,7 @@ def _held(records: Sequence[Record], hold_out: Sequence[str] | str | None) -> li
     """Whole records that are held out."""
     if hold_out is None:
         stated = [r for r in records if r.role == "held_out"]
-        return stated or (list(records[2::3]) if len(records) >= 3 else [])
+        return stated or _third(records)
     chosen = [hold_out] if isinstance(hold_out, str) else list(hold_out)
     names = [r.name for r in records]
     if unknown := [h for h in chosen if h not in names]:
@@ -392,6 +392,32 @@ def _held(records: Sequence[Record], hold_out: Sequence[str] | str | None) -> li
             f"hold_out: no record {', '.join(unknown)}; there are {', '.join(names)}"
         )
     return [r for r in records if r.name in chosen]
+
+
+def _third(records: Sequence[Record]) -> list[Record]:
+    """A third of the records, chosen from inputs and measured ranges before anything is fitted.
+
+    Records whose ranges lie inside those of the others come first, so that the fitted ones show
+    what the held-out ones do; among them, and then, every third one.
+    """
+    every = [*records[2::3], *(r for k, r in enumerate(records) if k % 3 != 2)]
+    inside = [r for r in every if _inside(r, [o for o in records if o is not r])]
+    chosen = [*inside, *(r for r in every if r not in inside)][: len(records) // 3]
+    return [r for r in records if r in chosen]
+
+
+def _inside(record: Record, others: Sequence[Record]) -> bool:
+    """Whether all inputs and outputs of a record stay inside the ranges of others."""
+    for name, values in {**record.inputs, **record.outputs}.items():
+        rest = [o.inputs.get(name, o.outputs.get(name)) for o in others]
+        known = [np.asarray(v) for v in rest if v is not None and np.isfinite(v).any()]
+        if not np.isfinite(values).any():
+            continue
+        if not known or np.nanmin(values) < min(map(np.nanmin, known)):
+            return False
+        if np.nanmax(values) > max(map(np.nanmax, known)):
+            return False
+    return True
 
 
 def _blocks(record: Record, odd: int) -> Record:

@@ -17,8 +17,10 @@ import numpy as np
 
 from unmodeled.arguments import AnyNumber, checked
 from unmodeled.data import Array
+from unmodeled.errors import InvalidParameter
 from unmodeled.fit.model import UserUnit
 from unmodeled.fit.subject import NOTHING, Subject
+from unmodeled.search.ledger import Finding
 
 __all__ = [
     "OUTCOMES",
@@ -28,6 +30,7 @@ __all__ = [
     "Channel",
     "Compared",
     "Event",
+    "Finding",
     "Hint",
     "NamedCause",
     "ParameterValue",
@@ -40,7 +43,7 @@ __all__ = [
 ]
 
 #: Version of the JSON form of a result.
-VERSION = 2
+VERSION = 3
 #: Deviation of a parameter, in standard deviations of its prior, up to which it is within its
 #: tolerance.
 TOLERANCE = 2.0
@@ -69,7 +72,7 @@ class Reason(Enum):
 
     NOISE_NOT_STATED = "no noise of the sensor is stated"
     DIFFERS_BETWEEN_RECORDS = "the magnitude differs between records"
-    NOT_NEEDED = "a probable cause is not needed"
+    WORSE_THAN_MEAN = "the mean predicts held-out records better"
     NO_HELD_OUT_GAIN = "held-out records are not predicted better"
     NOT_PREDICTED = "held-out records are not predicted"
     CALIBRATION_PREDICTS_WORSE = "the calibrated model predicts held-out records worse"
@@ -210,14 +213,16 @@ class NamedCause:
     user_unit: UserUnit | None = None
     subject: Subject = NOTHING
     """What it is about; the report makes its sentences from it."""
+    mark: str = ""
+    """Its mark, or that of the cause whose equivalent it is: a value of :class:`Mark`."""
 
 
 @dataclass(frozen=True)
 class Without:
-    """Residuals with all changes and without one, both fitted.
+    """Residuals with the set of the answer and without one of its changes.
 
-    For an effect, all parameters are fitted with it and without it: they cannot do what it does.
-    For a parameter, those that are no changes keep their tabulated values.
+    Without an effect, all parameters are fitted again: they cannot do what it does. Without a
+    parameter, the others follow to first order.
     """
 
     name: str
@@ -226,16 +231,11 @@ class Without:
     """Rms without it by channel [its unit]; infinite: the simulation fails."""
     after: tuple[float, ...]
     """With all changes [its unit]."""
-    held_out: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    """Both in held-out records; None: there are none."""
-    alone: Without | None = None
-    """For an effect: the same if nothing but the changes differs from the model."""
 
 
 def takes_over(channels: Sequence[Channel], without: Without) -> float:
-    """What a change takes away, over what matters; in some records and channel [1]."""
-    pairs = [(without.before, without.after), *([without.held_out] if without.held_out else [])]
-    return max(_taken(channels, *pair)[2] for pair in pairs)
+    """What a change takes away, over what matters; in some channel [1]."""
+    return _taken(channels, without.before, without.after)[2]
 
 
 def _taken(
@@ -250,6 +250,9 @@ def _taken(
     return k, taken[k], ratio
 
 
+Tier = Literal["named", "one of", "supported", "fitted", "small", "unsure"]
+
+
 @dataclass(frozen=True)
 class Change:
     """A change of the model, of a sensor, an input or a clock, that the records ask for."""
@@ -261,10 +264,11 @@ class Change:
     component: str
     kind: str
     """Kind of the effect, or "parameter"."""
-    tier: Literal["named", "one of", "supported", "fitted"]
+    tier: Tier
     """``named``: the records tell it from all listed causes; ``one of``: not from its equivalents;
     ``supported``: it predicts held-out records better, whether it is the cause or not; ``fitted``:
-    one of the fewest parameters that explain the fit."""
+    a parameter whose interval excludes its tabulated value; ``small``: it is there, and takes away
+    less than what matters; ``unsure``: a part of the fit, and none of these."""
     unit: str
     size: float
     """Change of the parameter, or magnitude of the effect [unit]."""
@@ -286,11 +290,8 @@ class Change:
     """Residual without the change, as a share of the motion of this output [1]."""
     after: float = math.nan
     """Residual with all changes [1]."""
-    held_out: bool = False
-    """Whether both are those of held-out records."""
     takes: float = math.nan
-    """Rms of what it takes away if nothing but the changes of the list differs from the model [1];
-    NaN: it is not known."""
+    """Rms of what it takes away [1]; NaN: it is not known."""
     matters: bool = True
     """Whether it takes away more than what does not matter in some output."""
     shape: Any = None
@@ -410,14 +411,17 @@ class Result:
     """Causes that no fitted set contains, most promising first."""
     causes: int = 0
     """Number of causes that were to be tried."""
-    refused: tuple[str, ...] = ()
-    """Causes of the most probable set whose magnitude differs between records."""
     supported: tuple[NamedCause, ...] = ()
     """Causes that are not named, each of which surely improves the prediction of held-out records,
-    together with the named ones."""
-    not_needed: tuple[str, ...] = ()
-    """Probable causes that are not named: the set without them was not fitted, or the held-out
-    records refuse them."""
+    together with the others."""
+    small: tuple[tuple[NamedCause, ...], ...] = ()
+    """Causes that are surely there and take away less than what matters, with equivalents."""
+    unsure: tuple[tuple[NamedCause, ...], ...] = ()
+    """Other causes of the set of the answer, with equivalents."""
+    findings: tuple[Finding, ...] = ()
+    """The ledger: one line for each candidate."""
+    drawn: float = math.nan
+    """Probability that all parameters deviate by their tolerances; else few do [1]."""
     complete: bool = True
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
@@ -433,10 +437,9 @@ class Result:
     apart: tuple[str, ...] = ()
     """For each class, the record in which its first two members differ most."""
     reported: tuple[str, ...] = ()
-    """Causes of the most probable set that agrees with the named ones and the classes."""
+    """Causes of the set of the answer."""
     changed: tuple[tuple[ParameterValue, ...], ...] = ()
-    """The fewest parameters that explain the fit, each with the equivalents that could stand for
-    it; their values if all others are the tabulated ones."""
+    """Parameters that surely changed, each with the equivalents that could stand for it."""
     without: tuple[Without, ...] = ()
     """What is left without each of these causes and parameters."""
     unknowns: tuple[str, ...] = ()
@@ -445,51 +448,67 @@ class Result:
     """Correlation of the unknowns."""
     traces: tuple[Trace, ...] = field(default=(), repr=False)
 
+    @property
+    def refused(self) -> tuple[str, ...]:
+        """Causes that left the set because their size differs between records."""
+        return tuple(f.cause for f in self.findings if f.codes[:1] == ("differs",))
+
     @cached_property
     def changes(self) -> tuple[Change, ...]:
         """The answer: what changes, by how much, and what it takes away.
 
         What the model does not allow comes first: effects, errors of the records, and parameters
         outside their tolerances; then those that are not sure; then parameters within their
-        tolerances. Among each, the change that takes away most is the first.
+        tolerances, then what is small, and last what is unsure. Among each, the change that takes
+        away most is the first.
 
-        A change is listed if it takes away more than what does not matter, a supported one always,
-        and a fitted parameter only if its interval excludes zero. If the verdict is UNKNOWN,
-        parameters may imitate what is not known: they are only in ``parameters``.
+        If the verdict is UNKNOWN, parameters may imitate what is not known: they are only in
+        ``parameters``.
         """
-        known = {n.changes for group in (self.named, *self.classes, self.supported) for n in group}
         found = [self._change(n, "named") for n in self.named]
         found += [self._change(n, "supported") for n in self.supported]
-        for group in self.classes:
-            first, *others = (self._change(n, "one of") for n in group)
-            found.append(replace(first, equivalents=tuple(others)))
+        tiers: tuple[tuple[Tier, tuple[tuple[NamedCause, ...], ...]], ...] = (
+            ("one of", self.classes), ("small", self.small), ("unsure", self.unsure))  # fmt: skip
+        for tier, groups in tiers:
+            for group in groups:
+                first, *others = (self._change(n, tier) for n in group)
+                found.append(replace(first, equivalents=tuple(others)))
+        known = {c.name for first in found for c in (first, *first.equivalents)}
         changed = self.changed if self.verdict is not Verdict.UNKNOWN else ()
         for alike in changed:
             if alike and not known & {p.name for p in alike}:
                 first, *others = (self._change(p.as_cause(), "fitted", p) for p in alike)
-                found.append(replace(first, equivalents=tuple(others)))
-        # The records need what is named or supported, also if its size is not sure.
-        listed = [
-            c
-            for c in found
-            if c.tier == "supported"
-            or (c.matters and (c.tier != "fitted" or not c.low <= 0.0 <= c.high))
-        ]
+                tier = "fitted" if first.matters else "small"
+                found.append(replace(first, tier=tier, equivalents=tuple(others)))
+        order = {"supported": 1, "small": 3, "unsure": 4}
 
         def place(c: Change) -> tuple[int, float]:
-            expected = c.tier == "fitted" and c.within is True
+            within = 2 if c.tier == "fitted" and c.within is True else 0
             unknown = 0.0 if c.tier == "fitted" else math.inf
-            rank = 2 if expected else int(c.tier == "supported")
+            rank = max(order.get(c.tier, 0), within)
             return rank, -float(np.nan_to_num(c.takes, nan=unknown))
 
-        return tuple(sorted(listed, key=place))
+        return tuple(sorted(found, key=place))
 
-    def _change(
-        self,
-        n: NamedCause,
-        tier: Literal["named", "one of", "supported", "fitted"],
-        p: ParameterValue | None = None,
-    ) -> Change:
+    def finding(self, name: str) -> Finding:
+        """The line of the ledger of a candidate.
+
+        Raises
+        ------
+        InvalidParameter
+            There is no candidate of this name.
+        """
+        from difflib import get_close_matches
+
+        names = [f.cause for f in self.findings]
+        if name in names:
+            return self.findings[names.index(name)]
+        near = ", ".join(get_close_matches(name, names, 3, 0.3)) or "none"
+        raise InvalidParameter(
+            f"no candidate {name!r} among {len(names)}; expected the name of one, nearest: {near}"
+        )
+
+    def _change(self, n: NamedCause, tier: Tier, p: ParameterValue | None = None) -> Change:
         """A change with what it takes away of the channel where this matters most."""
         p = p or next((p for p in self.parameters if p.name == n.changes), None)
         at = p.tabulated if p is not None and n.parameter else 0.0
@@ -520,22 +539,13 @@ class Result:
         left = next((w for w in self.without if w.name == n.cause), None)
         if left is None:
             return found
-        # What the model misses without it decides, and not what parameters can imitate of it.
-        alone, held = left.alone or left, False
-        k, taken, ratio = _taken(self.channels, alone.before, alone.after)
-        if alone.held_out is not None:
-            there = _taken(self.channels, *alone.held_out)
-            if held := there[2] > 1.0:  # else the change acts in the fitted records only
-                k, taken, ratio = there
-        pair = (left.held_out or alone.held_out) if held else None
-        before, after = pair or (left.before, left.after)
+        k, taken, ratio = _taken(self.channels, left.before, left.after)
         c = self.channels[k]
         return replace(
             found,
             channel=c.name,
-            before=c.share(before[k]),
-            after=c.share(after[k]),
-            held_out=held,
+            before=c.share(left.before[k]),
+            after=c.share(left.after[k]),
             takes=c.share(taken),
             matters=ratio > 1.0,
         )

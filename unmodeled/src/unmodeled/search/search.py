@@ -29,7 +29,7 @@ from unmodeled.search.fit import (
     noise_left,
     run_in_lockstep,
 )
-from unmodeled.search.held_out import Predicted, predict
+from unmodeled.search.held_out import Predicted
 from unmodeled.search.linear import (
     EvaluationRequest,
     Linear,
@@ -98,12 +98,10 @@ def search(
     options: Options,
     tell: Callable[[str], None] = lambda _: None,
     step: Callable[[], None] = lambda: None,
-    exchangeable: bool = False,
 ) -> Searched:
     """Search the sets of causes.
 
-    ``tell`` is called with the stage, and ``step`` before each simulation. ``exchangeable``:
-    whether other records may be held out, see :func:`_with_the_odd`.
+    ``tell`` is called with the stage, and ``step`` before each simulation.
 
     Raises
     ------
@@ -112,8 +110,6 @@ def search(
     """
     begin = time.monotonic()
     now = model_alone(problem, step)
-    if exchangeable and (other := _with_the_odd(problem, now, step)).fit != problem.fit:
-        problem, now = other, model_alone(other, step)
     found = Searched(problem)
     _keep(found, [now])
     try:
@@ -146,34 +142,6 @@ def _keep(found: Searched, fits: Sequence[Fitted | None]) -> None:
         old = found.sets.get(fitted.causes)
         if old is None or log_odds(found.problem, fitted, old) > 0.0:
             found.sets[fitted.causes] = fitted
-
-
-def _with_the_odd(problem: Problem, alone: Fitted, step: Callable[[], None]) -> Problem:
-    """The problem with those held-out records in the fit that show what the others do not.
-
-    What acts in a held-out record only, no set of causes can predict. If the model alone follows
-    all fitted records within twice their noise, a record that it misses by more than all of these
-    together takes the place of one of them.
-    """
-
-    def left(records: Sequence[Observed], residuals: Sequence[Array]) -> list[float]:
-        """Mean square in units of the noise, of the channel that misses most."""
-        return [
-            float(np.max((x**2).sum(axis=0) / np.maximum(o.samples, 1.0)))
-            for o, x in zip(records, residuals, strict=True)
-        ]
-
-    fit, out = list(problem.fit), list(problem.held_out)
-    own, limit = left(fit, alone.residuals), 2.0**2
-    if not out or not max(own) < limit:
-        return problem
-    held = predict(problem, [alone], step)[0]
-    if held is None:
-        return problem
-    odd = [k for k, v in enumerate(left(out, held.residuals)) if v > max(sum(own), limit)]
-    for k, best in zip(odd, np.argsort(own)[:-1], strict=False):
-        fit[best], out[k] = out[k], fit[best]
-    return replace(problem, fit=tuple(fit), held_out=tuple(out))
 
 
 def _keep_smaller(found: Searched) -> None:
@@ -368,6 +336,14 @@ def _refit(
         _keep(found, stop.fits)
         raise
     return [found.sets.get(tuple(m.cause for m in members)) for members, _, _ in jobs]
+
+
+def linked(alike: Sequence[frozenset[int]], cause: int) -> set[int]:
+    """Causes that stand for a cause, also by way of others."""
+    found: set[int] = {cause}
+    while more := {k for pair in alike if pair & found for k in pair} - found:
+        found |= more
+    return found
 
 
 def without_one(

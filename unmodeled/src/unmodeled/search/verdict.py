@@ -1,40 +1,36 @@
-"""The verdict: probabilities of sets become named causes, classes, or an unknown cause."""
+"""The verdict: the chosen set becomes named causes, classes, and causes that are not sure.
+
+Everything that is told is of one fitted set: sizes, intervals, what each change takes away, the
+model that is handed out.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
-from unmodeled.data.smoothing import noise_of_samples
 from unmodeled.fit.model import Effect, Parameter, UserUnit
-from unmodeled.search.changes import CLASS, explain
-from unmodeled.search.evidence import (
-    Fitted,
-    NormalEquations,
-    log_odds,
-    precision,
-    prior_of,
-    system,
-    weights,
-)
-from unmodeled.search.fit import empty_point
-from unmodeled.search.held_out import HALF, Predicted, compare, predict
+from unmodeled.search.choice import UNLIKELY, Chosen, Need, choose
+from unmodeled.search.evidence import Fitted, log_evidence, log_odds, prior_of, weights
+from unmodeled.search.fit import Start, empty_point, fit_sets
+from unmodeled.search.held_out import HALF, compare
+from unmodeled.search.ledger import Finding, Mark, marked
 from unmodeled.search.linear import (
     EvaluationRequest,
+    Point,
     evaluate,
-    local_of,
     movable,
     shapes_of,
     theta_at,
 )
 from unmodeled.search.locate import cells, events, most_different, places
 from unmodeled.search.options import Options
-from unmodeled.search.problem import RELEASED, STRICT, Cause, Problem, rms_of, spread
+from unmodeled.search.problem import RELEASED, STRICT, Cause, Problem, rms_of
 from unmodeled.search.progress import Stop, interrupted
 from unmodeled.search.result import (
     Channel,
@@ -51,20 +47,36 @@ from unmodeled.search.result import (
     worst_of,
 )
 from unmodeled.search.score import by_record, index_of
-from unmodeled.search.search import Searched, rank, with_all_records, without_one
+from unmodeled.search.search import Searched, linked, rank, start_from
+from unmodeled.search.tolerances import Posterior, in_each_record, posterior, white
 
-#: Number of sets that are fitted to all records; probability, or odds to the best one, below which
-#: a set is not possible.
-PREDICTED, UNLIKELY = 8, 1e-3
-#: Probability of the differences of a magnitude between records below which it is no name.
-SAME = 0.01
-#: Share of the motion that does not matter, unless the user states it.
-GOOD_ENOUGH = 0.01
-#: Number of sets from which the search for a supported one begins; log of the smallest ratio of
-#: held-out residuals without and with a member.
-SUPPORTED, WORTH_A_MEMBER = 3, 0.2
+#: Largest number of members of a class, of causes or of parameters, that is told.
+CLASS = 6
 #: Difference of the log likelihoods below which two causes are equal.
 EQUAL = 1.0
+#: Multiple of the noise up to which nothing but the noise remains.
+ONLY_NOISE = 1.15
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """The one fitted set of which everything is told."""
+
+    chosen: Chosen
+    problem: Problem
+    """All records; parameters that keep their tabulated values are ``narrow``."""
+    best: Fitted
+    """The set."""
+    posterior: Posterior
+    """Of its global unknowns."""
+    smaller: dict[int, Fitted | None]
+    """The set without each member; None: it cannot be fitted."""
+    sets: list[Fitted]
+    """All sets, the most probable first."""
+    weight: Array
+    """Their probabilities [1]."""
+    groups: dict[int, list[int]]
+    """Equivalents of each member that has some."""
 
 
 def judge(
@@ -79,519 +91,379 @@ def judge(
     ``seconds``: time that preparation and search took [s]. ``check`` is called before each
     simulation of all fits that proceed together; it may raise ``Stop``.
     """
-    shown = searched.problem
     tell("held_out")
-    problem, sets, weight, predicted, worse, ours_only = _posterior(searched, check)
+    chosen = choose(searched, options, check)
     tell("judge")
-    alone = next(s for s in sets if not s.causes)
-    probable = sets[0]
-    trusted = _by_trust(problem, sets, options)
-    sets, weight, imitations = _consistent(problem, sets, weight)
-    told, classes = _told(sets, weight, options.credibility)
-    not_needed: list[int] = []
-    while failed := _not_needed(problem, shown, sets, told, predicted):
-        not_needed += failed
-        sets, weight = _without(problem, sets, failed)
-        told, classes = _told(sets, weight, options.credibility)
-    told, classes = _with_equivalents(problem, searched.alike, sets, told, classes)
-    best = _representative(sets, told, classes)
-    known = {*told, *(i for group in classes for i in group)}
-    supported: list[int] = []
-    matters = any(c.material for c in _channels(problem, shown, alone, best, {}, options))
-    if ours_only is not None and matters and {*told} <= {*ours_only.causes}:
-        # A set that is less probable than nothing is not supported, whatever it predicts.
-        likely = {s.causes: w for s, w in zip(sets, weight, strict=True)}
-        if likely.get(ours_only.causes, 0.0) > likely[()]:
-            supported = [i for i in ours_only.causes if i not in known]
-        if supported:
-            best = next(s for s in sets if s.causes == ours_only.causes)
-    by_user = interrupted(searched.ended_by)
-    missing = [s for s in (alone, best) if s.causes not in predicted]
-    if shown.held_out and problem.fit is shown.fit and not by_user:  # a few runs after the limit
-        predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
-    channels = _channels(problem, shown, alone, best, predicted, options)
-    if shown.held_out and (part := searched.sets.get(best.causes)) is not None:
-        channels = tuple(
-            replace(c, fitted_explained=float(v))
-            for c, v in zip(channels, _rms(shown, part), strict=True)
-        )
-    ours, base = predicted.get(best.causes), predicted.get(())
-    gain = None
-    if best is not alone and ours is not None and base is not None:
-        ratio, low, high = (math.exp(v) for v in compare(ours, base, best.noise, best.effective))
-        gain = ratio, low, high
-    lost = bool(shown.held_out) and (ours is None or base is None)
-    tried = {i for s in searched.sets.values() for i in s.causes}
-    order = dict.fromkeys((*(s.cause for s in searched.first), *range(len(problem.causes))))
+    answer = _answer(chosen, options, check)
+    problem, best = answer.problem, answer.best
+    channels = _channels(answer, options)
+    without = _without(answer)
+    changed, of_parameters = _changed(answer, options)
+    without += of_parameters
+    findings = _findings(answer, channels, without, options)
+    told = _marked_causes(answer, findings)
+    classes = tuple(told[Mark.ONE_OF])
     tell("locate")
-    ports: tuple[Place, ...] = ()
-    material = [c.material for c in channels]
-    if any(material):
-        try:
-            check()
-            ports = places(problem, best)
-        except (Stop, KeyboardInterrupt) as stop:
-            searched.ended_by = stop
-    unknowns, correlation = _correlation(problem, best)
-    parameters = _parameters(problem, best)
-    own, fitted = (
-        (shown, searched.sets[best.causes])
-        if shown.held_out and best.causes in searched.sets
-        else (problem, best)
-    )
-    changes = explain(
-        own,
-        fitted,
-        _covariance(own, fitted),
-        searched.sets if own is shown else {s.causes: s for s in sets},
-        predicted,
-        [[i] for i in (*told, *supported)] + classes,
-        _parameters,
-        lambda without: takes_over(channels, without),
-        options.credibility,
-        check,
-    )
-    searched.ended_by = searched.ended_by or changes.ended_by
-    reasons = {
-        Reason.DIFFERS_BETWEEN_RECORDS: bool(imitations & {*probable.causes}),
-        Reason.NOT_COMPLETE: searched.ended_by is not None,
-        Reason.INTERRUPTED: by_user or interrupted(searched.ended_by),
-        Reason.NOT_NEEDED: bool(not_needed),
-        Reason.NOISE_NOT_STATED: problem.noise_estimated,
-        Reason.CALIBRATION_PREDICTS_WORSE: worse,
-        Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
-        Reason.NOT_PREDICTED: lost,
-        Reason.NOTHING_INSIDE: bool(told or classes or supported or any(material))
-        and not any(_inside(problem, c) for c in problem.causes),
-    }
-    result = Result(
-        verdict=_verdict(told, classes, supported, channels),
-        reasons=tuple(reason for reason, holds in reasons.items() if holds),
+    ports = _places(answer, channels, check)
+    verdict = _verdict(told, channels)
+    unknowns, correlation = _correlation(answer)
+    return Result(
+        verdict=verdict,
+        reasons=_reasons(answer, told, channels),
         channels=channels,
-        named=tuple(_named(problem, best, sets, weight, i) for i in told),
-        classes=tuple(
-            tuple(_named(problem, _where(sets, i, group), sets, weight, i) for i in group)
-            for group in classes
+        named=tuple(g[0] for g in told[Mark.NAMED]),
+        classes=classes,
+        supported=tuple(g[0] for g in told[Mark.SUPPORTED]),
+        small=tuple(told[Mark.SMALL]),
+        unsure=tuple(told[Mark.UNSURE]),
+        parameters=_parameters(answer),
+        changed=changed,
+        without=tuple(without),
+        sets=_sets(answer),
+        held_out_gain=_held_out_gain(answer),
+        nothing=float(
+            sum(w for s, w in zip(answer.sets, answer.weight, strict=True) if not s.causes)
         ),
-        supported=tuple(_named(problem, best, sets, weight, i) for i in supported),
-        not_needed=tuple(problem.causes[i].name for i in not_needed),
-        parameters=parameters,
-        changed=changes.changed,
-        without=changes.without,
-        sets=tuple(
-            SetOfCauses(
-                tuple(problem.causes[i].name for i in s.causes),
-                float(w),
-                tuple(float(v) for v in _rms(problem, s)),
-                tuple(_size(problem, s, i)[0] for i in s.causes),
-            )
-            for s, w in zip(sets, weight, strict=True)
-        ),
-        held_out_gain=gain,
-        nothing=float(sum(w for s, w in zip(sets, weight, strict=True) if not s.causes)),
-        not_tried=tuple(problem.causes[i].name for i in order if i not in tried),
+        not_tried=tuple(f.cause for f in findings if not f.fitted),
         causes=len(problem.causes),
-        refused=tuple(problem.causes[i].name for i in probable.causes if i in imitations),
         complete=searched.ended_by is None,
-        notes=(*problem.notes, *trusted),
+        drawn=answer.posterior.drawn,
+        notes=problem.notes,
         seconds=seconds,
         records=tuple(o.record.name for o in problem.fit),
-        cells=cells(problem, alone, best),
-        events=events(problem, alone, best),
+        cells=cells(problem, chosen.alone, best),
+        events=events(problem, chosen.alone, best),
         places=ports,
-        apart=tuple(
-            most_different(problem, _where(sets, a), _where(sets, b)) for a, b, *_ in classes
-        ),
+        apart=_apart(answer, findings),
         unknowns=unknowns,
         correlation=correlation,
-        reported=tuple(problem.causes[i].name for i in best.causes)
-        if told or classes or supported
-        else (),
-        traces=_traces(problem, shown, alone, best, channels),
+        reported=tuple(problem.causes[i].name for i in best.causes),
+        findings=findings,
+        traces=_traces(answer, channels),
     )
-    return _of_changes(result)
 
 
-def _of_changes(result: Result) -> Result:
-    """The result whose named causes and classes are those of its list of changes.
+# ---------------------------------------------------------------- the one set
 
-    A cause that takes away less than what matters has no name, however probable it is. Several
-    that stand for each other have one if they matter together.
+
+def _answer(chosen: Chosen, options: Options, check: Callable[[], None]) -> Answer:
+    """The chosen set with the reading of the tolerances that the records prefer."""
+    problem, best = chosen.problem, chosen.best
+    sets, weight = rank(problem, list(chosen.everything.sets.values()))
+    smaller = {
+        i: chosen.everything.sets.get(tuple(k for k in best.causes if k != i)) for i in best.causes
+    }
+    own = posterior(problem, best, options.tolerances)
+    try:
+        refit = _kept(chosen, own, smaller, check)
+    except (Stop, KeyboardInterrupt) as stop:
+        chosen.searched.ended_by = chosen.searched.ended_by or stop
+        refit = None
+    if refit is not None:
+        problem, best, smaller = refit
+        own = posterior(problem, best, options.tolerances)
+    elif len(own.configurations[0].wide) < len(own.tested):
+        own = posterior(problem, best, "drawn")
+    groups = _equivalents(chosen, sets, weight, options.credibility)
+    return Answer(chosen, problem, best, own, smaller, sets, weight, groups)
+
+
+def _kept(
+    chosen: Chosen, own: Posterior, smaller: dict[int, Fitted | None], check: Callable[[], None]
+) -> tuple[Problem, Fitted, dict[int, Fitted | None]] | None:
+    """The set, and those without a member, with the parameters that keep their tabulated values.
+
+    None: all deviate by their tolerances, or a fit with these is less probable after all.
     """
-    listed = {c.name for c in result.changes}
-    named = tuple(n for n in result.named if n.cause in listed)
-    kept = [k for k, group in enumerate(result.classes) if group[0].cause in listed]
-    classes = tuple(result.classes[k] for k in kept)
-    told = {n.cause for group in (named, *classes) for n in group}
-    every = [n for group in (result.named, *result.classes) for n in group]
-    small = {n.cause: n.probability for n in every if n.cause not in told}
-    if not small:
-        return result
-    rest = {n for n in result.reported if n not in small}
-    less = next((s.residual for s in result.sets if {*s.causes} == rest), None)
-    if less is not None:
-        explained = tuple(c.explained for c in result.channels)
-        together = Without("", less, explained)
-        if len(small) > 1 and takes_over(result.channels, together) > 1.0:
-            others = (w for w in result.without if w.name not in small)
-            note = f"{' and '.join(small)} stand for each other: what is left without one is what "
-            return replace(
-                result,
-                without=(*others, *(replace(together, name=n) for n in small)),
-                notes=(*result.notes, f"{note}is left without all of them"),
-            )
-    note = ", ".join(f"{n} ({100.0 * p:.0f} %)" for n, p in small.items())
-    channels = result.channels
-    if less is not None:
-        channels = tuple(
-            replace(
-                c,
-                explained=v,
-                held_out_explained=math.nan if rest else c.held_out_calibrated,
-                fitted_explained=math.nan,
-            )
-            for c, v in zip(channels, less, strict=True)
+    problem, best, first = chosen.problem, chosen.best, own.configurations[0]
+    narrow = frozenset(own.tested) - first.wide
+    if not narrow:
+        return None
+    less = replace(problem, narrow=narrow)
+    low, high = problem.parameter_bounds
+    x = first.mean.copy()
+    x[: low.size] = np.clip(x[: low.size], low, high)
+    starts = [Start(best.members, (Point(x, best.point.local), best.point))]
+    known = {i: s for i, s in smaller.items() if s is not None}
+    starts += [start_from(less, s.members, replace(best, point=starts[0].points[0]))
+               for s in known.values()]  # fmt: skip
+    fits = fit_sets(less, starts, check)
+    if fits[0] is None:
+        return None
+    drawn = next((c for c in own.configurations if len(c.wide) == len(own.tested)), None)
+    if drawn is not None:
+        weight = weights(problem, best, fits[0])
+        prior = first.log_prior - drawn.log_prior
+        gain = log_evidence(less, fits[0], weight) - log_evidence(problem, best, weight)
+        if gain + prior < 0.0:
+            return None
+    return less, fits[0], {**smaller, **dict(zip(known, fits[1:], strict=True))}
+
+
+# ---------------------------------------------------------------- findings
+
+
+def _findings(
+    answer: Answer, channels: Sequence[Channel], without: Sequence[Without], options: Options
+) -> tuple[Finding, ...]:
+    """The finding of each candidate, members first, then by their gain to first order."""
+    chosen, problem = answer.chosen, answer.problem
+    fitted = {i for s in chosen.searched.sets.values() for i in s.causes}
+    gains = {s.cause: s.gain for s in chosen.searched.first}
+    taken = {w.name: takes_over(channels, w) for w in without}
+    by_trust = [
+        rank(replace(chosen.problem, discrepancy_samples=f * STRICT), answer.sets)
+        for f in (0.5, 2.0)
+    ]
+    noise = all(c.explained <= ONLY_NOISE * c.noise for c in channels if c.noise > 0.0)
+    out = []
+    for i, cause in enumerate(problem.causes):
+        need = chosen.needs.get(i, Need())
+        member = i in answer.best.causes
+        found = Finding(
+            cause.name,
+            member=member,
+            left=need.left and not member,
+            fitted=i in fitted,
+            gain=gains.get(i, math.nan),
+            probability=_probability(answer.sets, answer.weight, i),
+            least_probability=min(_probability(*ranked, i) for ranked in by_trust),
+            evidence=need.evidence,
+            predicts=need.predicts,
+            refused=need.refused,
+            same=need.differs,
+            complete=chosen.everything.ended_by is None,
+            credibility=options.credibility,
         )
-    return replace(
-        result,
-        verdict=_verdict(named, classes, result.supported, channels),
-        channels=channels,
-        named=named,
-        classes=classes,
-        held_out_gain=result.held_out_gain if less is None else None,
-        apart=tuple(result.apart[k] for k in kept),
-        reported=tuple(n for n in result.reported if n not in small or less is None),
-        notes=(*result.notes, f"Probable, but takes away less than what matters: {note}"),
+        if need.held_out is not None:
+            ratio = need.held_out
+            found = replace(
+                found,
+                held_out=(math.exp(ratio.value), math.exp(ratio.low), math.exp(ratio.high)),
+                better=ratio.records - ratio.smaller,
+                of=ratio.records,
+            )
+        if member:
+            found = replace(
+                found,
+                at_limit=_at_limit(problem, answer.best, i),
+                takes=taken.get(cause.name, math.nan),
+                excludes_zero=_excludes_zero(answer, i),
+                noise_remains=noise,
+                equivalents=tuple(problem.causes[k].name for k in answer.groups.get(i, ())),
+            )
+        out.append(marked(found))
+    return tuple(sorted(out, key=lambda f: (not f.member, -np.nan_to_num(f.gain, nan=-math.inf))))
+
+
+def _probability(sets: Sequence[Fitted], weight: Array, cause: int) -> float:
+    """Probability of the sets with a cause."""
+    return float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+
+
+def _excludes_zero(answer: Answer, cause: int) -> bool:
+    """Whether the interval of a member of the set excludes zero."""
+    if answer.problem.causes[cause].local is not None:
+        return True
+    k = index_of(answer.problem, answer.best.members, cause)
+    _, low, high = answer.posterior.interval(k)
+    return not low <= 0.0 <= high
+
+
+def _marked_causes(
+    answer: Answer, findings: Sequence[Finding]
+) -> dict[Mark, list[tuple[NamedCause, ...]]]:
+    """The members of the set by mark, each with its equivalents."""
+    names = {c.name: i for i, c in enumerate(answer.problem.causes)}
+    told: dict[Mark, list[tuple[NamedCause, ...]]] = {mark: [] for mark in Mark}
+    for f in findings:
+        if f.mark is None:
+            continue
+        i = names[f.cause]
+        group = answer.groups.get(i, [])
+        own = [_named(answer, answer.best, answer.posterior, i)]
+        for k in group:
+            other = _where(answer.sets, k, [i, *group])
+            whole = posterior(answer.chosen.problem, other, "drawn")
+            own.append(_named(answer, other, whole, k))
+        told[f.mark].append(tuple(replace(n, mark=f.mark.value) for n in own))
+    return told
+
+
+def _equivalents(
+    chosen: Chosen, sets: Sequence[Fitted], weight: Array, credibility: float
+) -> dict[int, list[int]]:
+    """Equivalents of each member of the chosen set.
+
+    They are the other members of its class, and what explains the records equally well.
+    """
+    told, classes = _told([s.causes for s in sets], weight, credibility)
+    members, out = set(chosen.best.causes), {}
+    for i in chosen.best.causes:
+        group = next((g for g in ([k] for k in told) if i in g), None)
+        group = group or next((g for g in classes if i in g), [i])
+        whole = _with_equivalents(chosen.problem, chosen.searched.alike, sets, group)
+        rest = [k for k in whole if k != i and k not in members]
+        if rest:
+            out[i] = rest[: CLASS - 1]
+    return out
+
+
+# ---------------------------------------------------------------- what a change takes away
+
+
+def _without(answer: Answer) -> list[Without]:
+    """What is left without each member of the set, all other unknowns fitted again."""
+    problem, after = answer.problem, tuple(map(float, _rms(answer.problem, answer.best)))
+    out = []
+    for i, rest in answer.smaller.items():
+        before = (math.inf,) * len(after)
+        if rest is not None:
+            before = tuple(map(float, _rms(problem, rest)))
+        names = [problem.causes[k].name for k in (i, *answer.groups.get(i, ()))]
+        out += [Without(name, before, after) for name in names]
+    return out
+
+
+def _changed(
+    answer: Answer, options: Options
+) -> tuple[tuple[tuple[ParameterValue, ...], ...], list[Without]]:
+    """Parameters that changed, each with its equivalents, and what is left without them."""
+    own = answer.posterior
+    apart = [k for k in own.tested if not (i := own.interval(k))[1] <= 0.0 <= i[2]]
+    told, classes = _told(own.sets(), own.weight, options.credibility)
+    groups = [[k] for k in dict.fromkeys([*apart, *told])]
+    groups += [g for g in classes if not {*g} & {*apart, *told}]
+    values = tuple(
+        tuple(_parameter(answer, k, (k,) if len(g) > 1 else ()) for k in g) for g in groups
+    )
+    names = [[answer.problem.model.parameters[answer.problem.free[k]].name for k in g]
+             for g in groups]  # fmt: skip
+    after = tuple(map(float, _rms(answer.problem, answer.best)))
+    left = _without_parameters(answer, [g[0] for g in groups])
+    without = [Without(n, before, after) for g, before in zip(names, left, strict=True) for n in g]
+    return values, without
+
+
+def _without_parameters(answer: Answer, changed: Sequence[int]) -> list[tuple[float, ...]]:
+    """Residual by channel if a parameter has its tabulated value, the others to first order."""
+    problem, best = answer.problem, answer.best
+    covariance = answer.posterior.configurations[0].covariance
+    low, high = problem.parameter_bounds
+    asked = []
+    for k in changed:
+        x = best.point.x - covariance[:, k] / covariance[k, k] * best.point.x[k]
+        x[: low.size] = np.clip(x[: low.size], low, high)
+        x[k] = 0.0
+        point = Point(x, best.point.local)
+        asked.append(EvaluationRequest(best.members, point, problem.fit, derivatives=False))
+    out = []
+    for linears in evaluate(problem, asked) if asked else []:
+        with np.errstate(all="ignore"):
+            rms = rms_of(problem.fit, (v.residual for v in linears))
+        out.append(tuple(float(v) if math.isfinite(v) else math.inf for v in rms))
+    return out
+
+
+def _places(
+    answer: Answer, channels: Sequence[Channel], check: Callable[[], None]
+) -> tuple[Place, ...]:
+    """Where something unknown acts, if what remains matters."""
+    if not any(c.material for c in channels):
+        return ()
+    try:
+        check()
+        return places(answer.problem, answer.best)
+    except (Stop, KeyboardInterrupt) as stop:
+        answer.chosen.searched.ended_by = stop
+        return ()
+
+
+def _apart(answer: Answer, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """For each class, the record in which its first two members differ most."""
+    names = {c.name: i for i, c in enumerate(answer.problem.causes)}
+    pairs = [
+        (names[f.cause], answer.groups[names[f.cause]][0])
+        for f in findings
+        if f.mark is Mark.ONE_OF
+    ]
+    return tuple(
+        most_different(answer.chosen.problem, _where(answer.sets, a), _where(answer.sets, b))
+        for a, b in pairs
     )
 
 
-def _inside(problem: Problem, cause: Cause) -> bool:
-    """Whether a cause acts inside the model, not at an input or a sensor; no parameter does."""
-    inputs = {f"input {n}" for o in problem.fit for n in o.record.inputs}
-    return not (cause.of_records or cause.parameter is not None or cause.component in inputs)
+def _held_out_gain(answer: Answer) -> tuple[float, float, float] | None:
+    """Held-out residual with the set over that without causes, and its interval [1]."""
+    chosen, best = answer.chosen, answer.chosen.best
+    ours, base = chosen.predicted.get(best.causes), chosen.predicted.get(())
+    if not best.causes or ours is None or base is None:
+        return None
+    ratio = compare(ours, base, best.noise, best.effective)
+    return math.exp(ratio.value), math.exp(ratio.low), math.exp(ratio.high)
+
+
+def _sets(answer: Answer) -> tuple[SetOfCauses, ...]:
+    problem = answer.chosen.problem
+    return tuple(
+        SetOfCauses(
+            tuple(problem.causes[i].name for i in s.causes),
+            float(w),
+            tuple(float(v) for v in _rms(problem, s)),
+            tuple(_size(problem, s, i)[0] for i in s.causes),
+        )
+        for s, w in zip(answer.sets, answer.weight, strict=True)
+    )
+
+
+# ---------------------------------------------------------------- words for the whole
 
 
 def _verdict(
-    told: Sequence[object],
-    classes: Sequence[object],
-    supported: Sequence[object],
-    channels: Sequence[Channel],
+    told: dict[Mark, list[tuple[NamedCause, ...]]], channels: Sequence[Channel]
 ) -> Verdict:
-    if told:
-        return Verdict.NAMED
-    if classes:
-        return Verdict.ONE_OF
-    if supported:
-        return Verdict.SUPPORTED
-    if any(c.material for c in channels):
+    """The best that can be told."""
+    sure = ((Mark.NAMED, Verdict.NAMED), (Mark.ONE_OF, Verdict.ONE_OF),
+            (Mark.SUPPORTED, Verdict.SUPPORTED))  # fmt: skip
+    for mark, verdict in sure:
+        if told[mark]:
+            return verdict
+    gap = any(replace(c, explained=c.calibrated).material for c in channels)
+    if any(c.material for c in channels) or (told[Mark.UNSURE] and gap):
         return Verdict.UNKNOWN
     if any(replace(c, explained=c.tabulated).material for c in channels):
         return Verdict.CALIBRATED
     return Verdict.NO_GAP
 
 
-Predictions = dict[tuple[int, ...], Predicted | None]
+def _reasons(
+    answer: Answer, told: dict[Mark, list[tuple[NamedCause, ...]]], channels: Sequence[Channel]
+) -> tuple[Reason, ...]:
+    """Why the verdict is what it is."""
+    chosen, searched, problem = answer.chosen, answer.chosen.searched, answer.problem
+    gain = _held_out_gain(answer)
+    found = any(told.values()) or any(c.material for c in channels)
+    lost = {answer.chosen.best.causes, ()} - {k for k, v in chosen.predicted.items() if v}
+    reasons = {
+        Reason.DIFFERS_BETWEEN_RECORDS: any(n.left and n.differs < 1.0 and not n.refused
+                                            for n in chosen.needs.values()),
+        Reason.NOT_COMPLETE: searched.ended_by is not None,
+        Reason.INTERRUPTED: interrupted(searched.ended_by),
+        Reason.NOISE_NOT_STATED: problem.noise_estimated,
+        Reason.CALIBRATION_PREDICTS_WORSE: chosen.calibration_worse,
+        Reason.WORSE_THAN_MEAN: chosen.worse_than_mean,
+        Reason.NO_HELD_OUT_GAIN: gain is not None and gain[0] >= 1.0,
+        Reason.NOT_PREDICTED: bool(searched.problem.held_out) and bool(lost),
+        Reason.NOTHING_INSIDE: found and not any(_inside(problem, c) for c in problem.causes),
+    }  # fmt: skip
+    return tuple(reason for reason, holds in reasons.items() if holds)
 
 
-def _posterior(
-    searched: Searched, check: Callable[[], None]
-) -> tuple[Problem, list[Fitted], Array, Predictions, bool, Fitted | None]:
-    """Sets by posterior probability, given fitted and held-out records.
-
-    The most probable sets are fitted to all records; the model alone is among them. Then: whether
-    the calibrated model predicts the held-out records surely worse than the tabulated one, and the
-    set that the held-out records support.
-    """
-    problem = searched.problem
-    strict, sets = replace(problem, discrepancy_samples=STRICT), list(searched.sets.values())
-    if not problem.held_out:
-        return strict, *rank(strict, sets), {}, False, None
-    some: dict[tuple[int, ...], Fitted] = {}
-    for trust in (problem, strict):
-        ranked, weight = rank(trust, sets)
-        some |= {
-            s.causes: s for s, w in zip(ranked[:PREDICTED], weight, strict=False) if w > UNLIKELY
-        }
-    best = next(iter(some.values()), None)
-    for s in sets:  # what was exchanged for members of the best set
-        apart = {*s.causes} ^ {*best.causes} if best is not None else set()
-        if len(apart) == 2 and apart <= _linked(searched.alike, min(apart)):
-            some[s.causes] = s
-    alone = next(s for s in sets if not s.causes)
-    some[()] = alone
-    tabulated = replace(alone, point=replace(alone.point, x=np.zeros_like(alone.point.x)))
-    known: Predictions = {}
-    supported: Fitted | None = None
-    try:
-        *predicted, before = predict(problem, [*some.values(), tabulated], check)
-        known = dict(zip(some, predicted, strict=True))
-        supported = _supported(searched, list(some.values()), known, check)
-        if supported is not None:
-            some[supported.causes] = supported
-        fitted = [s for s in some.values() if s.causes in known]
-        everything = with_all_records(searched, fitted, [known[s.causes] for s in fitted], check)
-    except (Stop, KeyboardInterrupt) as stop:
-        searched.ended_by = stop
-        return strict, *rank(strict, sets), known, False, supported
-    searched.ended_by = everything.ended_by
-    after, worse = known[()], False
-    if after is not None and before is not None:
-        worse = compare(after, before, alone.noise, alone.effective)[1] > 0.0
-    return everything.problem, *everything.ranked(), known, worse, supported
-
-
-def _supported(
-    searched: Searched,
-    some: Sequence[Fitted],
-    predicted: Predictions,
-    check: Callable[[], None],
-) -> Fitted | None:
-    """The smallest set of which each member surely improves the prediction of held-out records.
-
-    From the best sets, members are dropped that do not, or that have another magnitude in each
-    record, or are at a limit. Of sets that predict equally well, it is the most probable one.
-    ``predicted`` gets the predictions of the sets without a member.
-    """
-    problem = searched.problem
-    strict = replace(problem, discrepancy_samples=STRICT)
-    base, found = predicted[()], None
-    if base is None:
-        return None
-
-    def left(s: Fitted) -> float:
-        own = predicted[s.causes]
-        return math.inf if own is None else compare(own, base, s.noise, s.effective)[0]
-
-    starts = sorted((s for s in some if s.causes), key=left)[:SUPPORTED]
-    for now in starts:
-        while now.members and predicted.get(now.causes) is not None:
-            smaller = without_one(searched, now, check)
-            new = [f for f in smaller if f is not None and f.causes not in predicted]
-            for f, p in zip(new, predict(problem, new, check), strict=True):
-                predicted[f.causes] = p
-            worst, lowest = None, 0.0
-            for member, one in zip(now.members, smaller, strict=True):
-                need = _need(strict, now, member.cause, one, predicted)
-                if need < lowest:
-                    worst, lowest = one, need
-            if worst is None:
-                break
-            now = worst
-        ours = predicted.get(now.causes)
-        if not now.members or ours is None:
-            continue
-        sure = compare(ours, base, now.noise, now.effective)[2] < 0.0
-        if (
-            sure
-            and not _worse_than_constant(problem, ours)
-            and (found is None or _preferred(left(found) - left(now), log_odds(strict, now, found)))
-        ):
-            found = now
-    return found
-
-
-def _preferred(gain: float, odds: float) -> bool:
-    """Whether a set predicts better than another one, or as well and is more probable.
-
-    ``gain``: log ratio of the residuals of the other one and its own; ``odds``: log odds.
-    """
-    return gain > (-WORTH_A_MEMBER if odds > 0.0 else WORTH_A_MEMBER)
-
-
-def _need(
-    problem: Problem, now: Fitted, cause: int, without: Fitted | None, predicted: Predictions
-) -> float:
-    """How surely a member improves the prediction of held-out records; < 0: not surely.
-
-    Lower end of the interval of the log ratio of the residuals without and with it.
-    """
-    ours, theirs = predicted[now.causes], None if without is None else predicted[without.causes]
-    if without is None or ours is None:
-        return 0.0
-    if theirs is None:  # without it, the simulation fails
-        return math.inf
-    ratio, low, _ = compare(theirs, ours, now.noise, now.effective)
-    everywhere = problem.causes[cause].local is None
-    if everywhere and (_by_record(problem, now, cause)[1] < SAME or _at_limit(problem, now, cause)):
-        return -10.0 + low
-    return low if ratio > WORTH_A_MEMBER else min(low, ratio - WORTH_A_MEMBER)
-
-
-def _at_limit(problem: Problem, fitted: Fitted, cause: int) -> bool:
-    """Whether a magnitude is at a limit that is none of its law: 0 and 1 are."""
-    found = problem.causes[cause]
-    if found.effect is None:
-        return False
-    x = fitted.point.x[index_of(problem, fitted.members, cause)]
-    return any(
-        math.isfinite(v) and abs(x - v) < 1e-6 * max(abs(v), 1.0) and v * found.effect.scale != 1.0
-        for v in found.bounds
-    )
-
-
-def _worse_than_constant(problem: Problem, predicted: Predicted) -> bool:
-    """Whether the mean of a channel would predict the held-out records better.
-
-    Not if a record shows noise only: at rest, no model is better than the mean.
-    """
-    least = np.maximum(spread(problem.held_out), 2.0 * problem.noise)
-    return bool(np.any(predicted.rms(problem) > least))
-
-
-def _not_needed(
-    problem: Problem,
-    shown: Problem,
-    sets: Sequence[Fitted],
-    told: Sequence[int],
-    predicted: Predictions,
-) -> list[int]:
-    """The first told cause that is not needed, or all if the held-out records refuse their set.
-
-    A cause is needed if the set without it was fitted: its evidence is that of both.
-    """
-    if not told:
-        return []
-    best, by_causes = _representative(sets, told, ()), {s.causes for s in sets}
-    ours, base = predicted.get(best.causes), predicted.get(())
-    if ours is not None and base is not None:
-        worse = compare(ours, base, best.noise, best.effective)[1] > 0.0
-        if worse or _worse_than_constant(shown, ours):
-            return list(told)
-    for i in told:
-        if problem.causes[i].local is not None:
-            continue
-        if tuple(k for k in best.causes if k != i) not in by_causes:
-            return [i]
-    return []
-
-
-def _worse_by(problem: Problem, one: Fitted, other: Fitted) -> float:
-    """Difference of the negative log likelihoods of two sets."""
-    left = [problem.samples * np.log(s.noise) + 0.5 * s.squares / s.noise**2 for s in (one, other)]
-    return float(weights(problem, one, other) @ (left[0] - left[1]))
-
-
-def _without(
-    problem: Problem, sets: Sequence[Fitted], causes: Sequence[int]
-) -> tuple[list[Fitted], Array]:
-    """The sets without some causes, with their probabilities."""
-    return rank(problem, [s for s in sets if not {*s.causes} & {*causes}])
-
-
-def _tested(problem: Problem, cause: int) -> bool:
-    """Whether the part of a parameter was tested by itself."""
-    of = problem.causes[cause].parameter
-    return of is not None and problem.model.parameters[of].before is not None
-
-
-def _with_equivalents(
-    problem: Problem,
-    alike: Sequence[frozenset[int]],
-    sets: Sequence[Fitted],
-    told: Sequence[int],
-    classes: Sequence[Sequence[int]],
-) -> tuple[list[int], list[list[int]]]:
-    """Named causes and classes, in which those are that explain the records equally well.
-
-    A law with a shape is omitted if one without explains the records as well: a dead zone or a
-    saturation whose level no record reaches is a gain. A part that was tested by itself is not
-    put beside another cause: its test contradicts it.
-    """
-    names: list[int] = []
-    out: list[list[int]] = []
-    for group in (*([i] for i in told), *classes):
-        own = list(group)
-        for i in group:
-            ours = _where(sets, i)
-            for j in _linked(alike, i) - {*own}:
-                theirs = [s for s in sets if {*s.causes} == ({*ours.causes} - {i}) | {j}]
-                if not theirs:
-                    continue
-                equal = abs(_worse_by(problem, theirs[0], ours)) < EQUAL
-                if _tested(problem, j) or not equal:
-                    continue
-                odds = log_odds(problem, theirs[0], ours)
-                odds += _of_sizes(problem, (ours, i), (theirs[0], j))
-                if odds > math.log(UNLIKELY):
-                    own.append(j)
-        plain = [i for i in own if not _has_shape(problem, i)]
-        if plain and len(own) > len(group):
-            own = plain
-        own.sort(key=lambda i: (_has_shape(problem, i), not problem.causes[i].of_records))
-        if len(own) > 1:
-            out.append(own[:CLASS])
-        else:
-            names += own
-    return names, out
-
-
-def _linked(alike: Sequence[frozenset[int]], cause: int) -> set[int]:
-    """Causes that stand for a cause, also by way of others."""
-    linked: set[int] = {cause}
-    while more := {k for pair in alike if pair & linked for k in pair} - linked:
-        linked |= more
-    return linked
-
-
-def _of_sizes(problem: Problem, one: tuple[Fitted, int], other: tuple[Fitted, int]) -> float:
-    """What the size of one member costs less than that of another one; 0 if it is usual.
-
-    Beyond five expected sizes the expectation was wrong, and tells no equivalent from another.
-    """
-    costs: list[float] = []
-    for fitted, cause in (one, other):
-        x, k = fitted.point.x, index_of(problem, fitted.members, cause)
-        prior = prior_of(problem, fitted.members)
-        if not costs and prior.weight[k] * x[k] ** 2 < RELEASED**2:
-            return 0.0
-        costs.append(prior.penalty(x) - prior.penalty(np.where(np.arange(x.size) == k, 0.0, x)))
-    return 0.5 * (costs[1] - costs[0])
-
-
-def _has_shape(problem: Problem, cause: int) -> bool:
-    effect = problem.causes[cause].effect
-    return effect is not None and bool(movable(effect))
-
-
-def _by_trust(problem: Problem, sets: Sequence[Fitted], options: Options) -> tuple[str, ...]:
-    """A note if the told causes depend on the number of samples as which a discrepancy counts."""
-    said = {}
-    for count in (0.5 * STRICT, STRICT, 2.0 * STRICT):
-        told, classes = _told(
-            *rank(replace(problem, discrepancy_samples=count), sets), options.credibility
-        )
-        names = [problem.causes[i].name for i in told]
-        names += ["one of " + ", ".join(problem.causes[i].name for i in g) for g in classes]
-        said[count] = " and ".join(names) or "nothing"
-    now = said.pop(STRICT)
-    return tuple(
-        f"If a discrepancy of the model counted as {count:g} samples instead of {STRICT:g}, {text} "
-        "would be told"
-        for count, text in said.items()
-        if text != now
-    )
-
-
-def _consistent(
-    problem: Problem, sets: Sequence[Fitted], weight: Array
-) -> tuple[list[Fitted], Array, set[int]]:
-    """The sets without imitations, with their probabilities, and the imitations.
-
-    A cause whose magnitude differs between records in every set is an imitation of something that
-    no cause of the list has, whatever its evidence.
-    """
-    causes = {i for s in sets for i in s.causes if problem.causes[i].local is None}
-    imitations = {
-        i for i in causes if all(_by_record(problem, s, i)[1] < SAME for s in sets if i in s.causes)
-    }
-    kept = [s for s in sets if not imitations & set(s.causes)]
-    if len(kept) == len(sets):
-        return list(sets), weight, imitations
-    return (*rank(problem, kept), imitations)
+# ---------------------------------------------------------------- classes
 
 
 def _told(
-    sets: Sequence[Fitted], weight: Array, credibility: float
+    sets: Sequence[Collection[int]], weight: Array, credibility: float
 ) -> tuple[list[int], list[list[int]]]:
     """Causes that are named, and classes of which one is missing.
 
@@ -603,7 +475,7 @@ def _told(
     classes: list[list[int]] = []
     taken: set[int] = set()
     while True:
-        rest = [set(s.causes) - taken for s in sets]
+        rest = [set(s) - taken for s in sets]
         if sum(w for r, w in zip(rest, weight, strict=True) if r) < credibility:
             break
         group: list[int] = []
@@ -627,105 +499,123 @@ def _told(
     return told, classes
 
 
+def _with_equivalents(
+    problem: Problem, alike: Sequence[frozenset[int]], sets: Sequence[Fitted], group: Sequence[int]
+) -> list[int]:
+    """A class with what explains the records equally well as one of its members.
+
+    A law with a shape is not added to one without that explains the records as well: a dead zone or
+    a saturation whose level no record reaches is a gain. A part that was tested by itself is not
+    put beside another cause: its test contradicts it.
+    """
+    added: list[int] = []
+    for i in group:
+        ours = _where(sets, i)
+        for j in linked(alike, i) - {*group, *added}:
+            theirs = [s for s in sets if {*s.causes} == ({*ours.causes} - {i}) | {j}]
+            if not theirs or _tested(problem, j):
+                continue
+            odds = log_odds(problem, theirs[0], ours)
+            odds += _of_sizes(problem, (ours, i), (theirs[0], j))
+            if abs(_worse_by(problem, theirs[0], ours)) < EQUAL and odds > math.log(UNLIKELY):
+                added.append(j)
+    if any(not _has_shape(problem, i) for i in group):
+        added = [j for j in added if not _has_shape(problem, j)]
+    return sorted(
+        [*group, *added],
+        key=lambda i: (_has_shape(problem, i), not problem.causes[i].of_records),
+    )
+
+
 def _where(sets: Sequence[Fitted], cause: int, group: Sequence[int] = ()) -> Fitted:
     """The most probable set with a cause, if there is one without the others of its class."""
     own = [s for s in sets if cause in s.causes]
     return next((s for s in own if {*s.causes} & {*group} <= {cause}), own[0])
 
 
-def _representative(
-    sets: Sequence[Fitted], told: Sequence[int], classes: Sequence[Sequence[int]]
-) -> Fitted:
-    """The most probable set that agrees with what is told."""
-    for s in sets:
-        own = set(s.causes)
-        agrees = set(told) <= own and all(own & set(group) for group in classes)
-        if agrees and (told or classes or not own):
-            return s
-    return sets[0]
+def _worse_by(problem: Problem, one: Fitted, other: Fitted) -> float:
+    """Difference of the negative log likelihoods of two sets."""
+    left = [problem.samples * np.log(s.noise) + 0.5 * s.squares / s.noise**2 for s in (one, other)]
+    return float(weights(problem, one, other) @ (left[0] - left[1]))
 
 
-def _covariance(problem: Problem, fitted: Fitted) -> Array:
-    """Covariance of the global unknowns of a set, in their scales."""
-    return _precision(problem, fitted)[1]
+def _tested(problem: Problem, cause: int) -> bool:
+    """Whether the part of a parameter was tested by itself."""
+    of = problem.causes[cause].parameter
+    return of is not None and problem.model.parameters[of].before is not None
 
 
-def _precision(problem: Problem, fitted: Fitted) -> tuple[NormalEquations, Array]:
-    """Normal equations of a set, and the covariance of its global unknowns in their scales.
+def _of_sizes(problem: Problem, one: tuple[Fitted, int], other: tuple[Fitted, int]) -> float:
+    """What the size of one member costs less than that of another one; 0 if it is usual.
 
-    What an estimate has taken up of a discrepancy is not seen. It may be larger than what is left,
-    so that the discrepancy counts as half a sample: of the numbers 1/4, 1/2, 0.7 and 1, it has the
-    least interval score on the imperfect machines of the yardstick.
+    Beyond five expected sizes the expectation was wrong, and tells no equivalent from another.
     """
-    samples = np.maximum(problem.samples, 1.0)
-    left = np.maximum(fitted.noise / np.maximum(_white(problem, fitted), 1.0), 1.0) ** 2
-    weight = (
-        left
-        * precision(left, 1.0 / (fitted.effective * samples), discrepancy_samples=0.5)
-        / samples
-    )
-    point, linears = fitted.point, fitted.linears
-    own = system(problem, problem.fit, fitted.members, point, linears, fitted.noise, weight)
-    prior = prior_of(problem, fitted.members).weights(point.x)
-    return own, np.asarray(np.linalg.inv(own.matrix + np.diag(prior)))
+    costs: list[float] = []
+    for fitted, cause in (one, other):
+        x, k = fitted.point.x, index_of(problem, fitted.members, cause)
+        prior = prior_of(problem, fitted.members)
+        if not costs and prior.weight[k] * x[k] ** 2 < RELEASED**2:
+            return 0.0
+        costs.append(prior.penalty(x) - prior.penalty(np.where(np.arange(x.size) == k, 0.0, x)))
+    return 0.5 * (costs[1] - costs[0])
 
 
-def _by_record(problem: Problem, fitted: Fitted, cause: int) -> tuple[Array, float]:
-    """Magnitude in each record in its scale, and the probability of their differences.
-
-    Differences that move no channel of a record by more than its noise are none, however many
-    samples show them.
-    """
-    from scipy.special import chdtrc
-
-    k = index_of(problem, fitted.members, cause)
-    if len(problem.fit) < 2:
-        return fitted.point.x[k : k + 1], 1.0
-    values, covariance = by_record(problem, fitted, k)
-    inverse = np.linalg.inv(covariance)
-    apart = values - (inverse @ values).sum() / inverse.sum()
-    counts = [np.maximum(o.samples, 1.0) for o in problem.fit]
-    moved = [
-        abs(d) * np.sqrt((x.by_global[..., k] ** 2).sum(axis=0) / n) / fitted.noise
-        for d, x, n in zip(apart, fitted.linears, counts, strict=True)
-    ]
-    if np.max(moved) < 1.0:
-        return values, 1.0
-    return values, float(chdtrc(len(values) - 1, apart @ inverse @ apart))
+def _has_shape(problem: Problem, cause: int) -> bool:
+    effect = problem.causes[cause].effect
+    return effect is not None and bool(movable(effect))
 
 
-def _named(
-    problem: Problem, fitted: Fitted, sets: Sequence[Fitted], weight: Array, cause: int
-) -> NamedCause:
-    """A cause with its magnitude in a set."""
+def _at_limit(problem: Problem, fitted: Fitted, cause: int) -> bool:
+    """Whether a magnitude is at a limit that is none of its law: 0 and 1 are."""
     found = problem.causes[cause]
-    probability = float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+    if found.effect is None:
+        return False
+    x = fitted.point.x[index_of(problem, fitted.members, cause)]
+    return any(
+        math.isfinite(v) and abs(x - v) < 1e-6 * max(abs(v), 1.0) and v * found.effect.scale != 1.0
+        for v in found.bounds
+    )
+
+
+def _inside(problem: Problem, cause: Cause) -> bool:
+    """Whether a cause acts inside the model, not at an input or a sensor; no parameter does."""
+    inputs = {f"input {n}" for o in problem.fit for n in o.record.inputs}
+    return not (cause.of_records or cause.parameter is not None or cause.component in inputs)
+
+
+# ---------------------------------------------------------------- sizes
+
+
+def _named(answer: Answer, fitted: Fitted, own: Posterior, cause: int) -> NamedCause:
+    """A cause with its size in a set, whose global unknowns have the given posterior."""
+    problem = answer.problem if fitted is answer.best else answer.chosen.problem
+    found = problem.causes[cause]
+    probability = _probability(answer.sets, answer.weight, cause)
     if found.local is not None:
-        return _in_each_record(problem, fitted, cause, probability)
+        return _in_each_record(problem, fitted, cause, probability, own.covariance)
     k = index_of(problem, fitted.members, cause)
-    sd = math.sqrt(max(_covariance(problem, fitted)[k, k], 0.0))
-    values, _ = _by_record(problem, fitted, cause)
     effect, words, shape, changes = found.effect, found.effect or found.alias, None, ""
     value, zero, scale = _size(problem, fitted, cause)
+    _, *ends = own.interval(k)
+    low, high = sorted(zero + scale * v for v in ends)
     if effect is not None:
         shape = shapes_of(problem, fitted.members, fitted.point.x)[k - len(problem.free)].shape
     else:
         p = problem.model.parameters[problem.free[k]]
-        changes, unit, (low, high) = p.name, p.unit, (p.lower, p.upper)
+        changes, unit, limits = p.name, p.unit, (p.lower, p.upper)
     if words is not None:
-        unit, (low, high) = words.unit, words.bounds
-    half = HALF * sd * abs(scale)
+        unit, limits = words.unit, words.bounds
     return NamedCause(
         cause=found.name,
         component=found.component,
         unit=unit,
         magnitude=value,
-        low=float(max(value - half, low)),
-        high=float(min(value + half, high)),
+        low=float(max(min(low, value), limits[0])),
+        high=float(min(max(high, value), limits[1])),
         probability=probability,
         shape=shape,
         shape_names=() if effect is None else effect.shape_names,
-        by_record=tuple(float(zero + scale * v) for v in values),
+        by_record=tuple(zero + scale * v for v in _by_record(problem, fitted, k)),
         parameter=words is None,
         changes=changes,
         mechanism="" if words is None else words.mechanism,
@@ -736,6 +626,13 @@ def _named(
         user_unit=None if effect is not None else _user_unit(p, found.alias),
         subject=found.subject,
     )
+
+
+def _by_record(problem: Problem, fitted: Fitted, k: int) -> list[float]:
+    """Value of a global unknown in each record by itself, in its scale."""
+    if len(problem.fit) < 2:
+        return [float(fitted.point.x[k])]
+    return [float(v) for v in by_record(problem, fitted, k)[0]]
 
 
 def _user_unit(p: Parameter, alias: Effect | None) -> UserUnit | None:
@@ -763,29 +660,17 @@ def _size(problem: Problem, fitted: Fitted, cause: int) -> tuple[float, float, f
     return zero + scale * float(fitted.point.x[k]), zero, scale
 
 
-def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: float) -> NamedCause:
+def _in_each_record(
+    problem: Problem, fitted: Fitted, cause: int, probability: float, covariance: Array
+) -> NamedCause:
     """An error of a sensor in each record; its magnitude is the rms over the records."""
     found = problem.causes[cause]
     assert found.local is not None
     fault = fault_of(found.local.kind)
     assert fault.each is not None
-    key = (fault.name, found.local.index)
-    at = [
-        [(q.kind, q.index) for q in local_of(problem, fitted.members, o)].index(key)
-        for o in problem.fit
-    ]
-    values = [float(v[k]) for v, k in zip(fitted.point.local, at, strict=True)]
+    values, variance = in_each_record(problem, fitted, fault.name, found.local.index, covariance)
     rms = math.sqrt(sum(v * v for v in values) / len(values))
-    own, covariance = _precision(problem, fitted)
-    # The rms depends on the values, and these on the unknowns that all records have.
-    variance, shared = 0.0, np.zeros(covariance.shape[0])
-    for v, k, (inner, coupling, _) in zip(values, at, own.locals, strict=True):
-        slope = v / (len(values) * rms) if rms > 0.0 else 0.0
-        of_record = np.linalg.solve(inner, np.column_stack([np.eye(len(inner))[k], coupling]))[k]
-        variance += slope**2 * float(of_record[0])
-        shared += slope * of_record[1:]
-    half = HALF * math.sqrt(variance + float(shared @ covariance @ shared))
-    scale = found.local.scale
+    half, scale = HALF * math.sqrt(variance), found.local.scale
     return NamedCause(
         cause=found.name,
         component=found.component,
@@ -802,48 +687,105 @@ def _in_each_record(problem: Problem, fitted: Fitted, cause: int, probability: f
     )
 
 
-def _parameters(problem: Problem, fitted: Fitted) -> tuple[ParameterValue, ...]:
+def _parameter(answer: Answer, k: int, given: Sequence[int] = ()) -> ParameterValue:
+    """Value of a free parameter with its interval; ``given``: if these changed."""
+    problem = answer.problem
+    p = problem.model.parameters[problem.free[k]]
+    value = float(theta_at(problem, answer.best.point.x)[problem.free[k]])
+    mean, low, high = answer.posterior.interval(k, given)
+    if given:
+        value = p.value + problem.unit[k] * mean
+    return ParameterValue(
+        p.name,
+        p.title,
+        p.unit,
+        p.value,
+        p.sd,
+        float(value),
+        float(max(min(p.value + problem.unit[k] * low, value), p.lower)),
+        float(min(max(p.value + problem.unit[k] * high, value), p.upper)),
+        p.relative,
+        p.user_unit,
+    )
+
+
+def _parameters(answer: Answer) -> tuple[ParameterValue, ...]:
     """Values of the free parameters of the machine with their intervals."""
-    theta, covariance = theta_at(problem, fitted.point.x), _covariance(problem, fitted)
-    out = []
-    for k, i in enumerate(problem.free):
-        p = problem.model.parameters[i]
-        if not p.of_the_machine:
-            continue
-        half = HALF * problem.unit[k] * math.sqrt(max(covariance[k, k], 0.0))
-        out.append(
-            ParameterValue(
-                p.name,
-                p.title,
-                p.unit,
-                p.value,
-                p.sd,
-                float(theta[i]),
-                float(max(theta[i] - half, p.lower)),
-                float(min(theta[i] + half, p.upper)),
-                p.relative,
-                p.user_unit,
-            )
-        )
-    return tuple(out)
+    problem = answer.problem
+    return tuple(
+        _parameter(answer, k)
+        for k, i in enumerate(problem.free)
+        if problem.model.parameters[i].of_the_machine
+    )
 
 
-def _correlation(problem: Problem, fitted: Fitted) -> tuple[tuple[str, ...], Array]:
-    """Names of the unknowns of the machine in a set, and their correlation."""
-    covariance = _covariance(problem, fitted)
+def _correlation(answer: Answer) -> tuple[tuple[str, ...], Array]:
+    """Names of the unknowns of the machine in the set, and their correlation."""
+    problem, covariance = answer.problem, answer.posterior.covariance
     free = [problem.model.parameters[i] for i in problem.free]
-    names = [*(p.name for p in free), *(e.name for e in problem.effects_of(fitted.members))]
+    effects = problem.effects_of(answer.best.members)
+    names = [*(p.name for p in free), *(e.name for e in effects)]
     kept = [k for k in range(len(names)) if k >= len(free) or free[k].of_the_machine]
     part = covariance[np.ix_(kept, kept)]
     sd = np.sqrt(np.maximum(np.diag(part), 1e-300))
     return tuple(names[k] for k in kept), part / np.outer(sd, sd)
 
 
-def _traces(
-    problem: Problem, shown: Problem, alone: Fitted, best: Fitted, channels: Sequence[Channel]
-) -> tuple[Trace, ...]:
+# ---------------------------------------------------------------- residuals
+
+
+def _channels(answer: Answer, options: Options) -> tuple[Channel, ...]:
+    """Residuals by channel of the tabulated, the calibrated, and the explained model."""
+    problem, chosen, best = answer.problem, answer.chosen, answer.best
+    shown, alone = chosen.searched.problem, chosen.alone
+    tabulated = _tabulated(problem, alone)
+    calibrated, explained = _rms(problem, alone), _rms(problem, best)
+    noise = problem.noise * (white(problem, best) if problem.noise_estimated else 1.0)
+    missing = np.full(len(problem.names), math.nan)
+    held = [
+        missing if (p := chosen.predicted.get(s.causes)) is None else p.rms(shown)
+        for s in (alone, chosen.best)
+    ]
+    part = chosen.searched.sets.get(best.causes) if shown.held_out else None
+    fitted = missing if part is None else _rms(shown, part)
+    return tuple(
+        Channel(
+            name,
+            unit,
+            float(noise[c]) or math.nan,
+            float(problem.motion[c]),
+            float(tabulated[c]),
+            float(calibrated[c]),
+            float(explained[c]),
+            float(held[0][c]),
+            float(held[1][c]),
+            options.matters(name, unit, float(problem.motion[c])),
+            float(fitted[c]),
+        )
+        for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True))
+    )
+
+
+def _tabulated(problem: Problem, alone: Fitted) -> Array:
+    """Rms of the residual of the tabulated model by channel, with the starts of the fitted one."""
+    point = empty_point(problem, (), problem.fit)
+    local = tuple(
+        np.array([v if q.weight < 1e-4 else 0.0 for q, v in zip(o.local, values, strict=True)])
+        for o, values in zip(problem.fit, alone.point.local, strict=True)
+    )
+    ask = EvaluationRequest((), Point(point.x, local), problem.fit, derivatives=False)
+    return rms_of(problem.fit, (x.residual for x in evaluate(problem, [ask])[0]))
+
+
+def _rms(problem: Problem, fitted: Fitted) -> Array:
+    """Rms of the residual by channel [its unit], (m,)."""
+    return rms_of(problem.fit, fitted.residuals)
+
+
+def _traces(answer: Answer, channels: Sequence[Channel]) -> tuple[Trace, ...]:
     """Residuals of the channel that the calibrated model misses most."""
-    c = worst_of(channels)
+    problem, c = answer.problem, worst_of(channels)
+    shown, pair_of = answer.chosen.searched.problem, (answer.chosen.alone, answer.best)
     held = {o.record.name for o in shown.held_out}
     out = []
     for r, o in enumerate(problem.fit):
@@ -852,72 +794,8 @@ def _traces(
             continue
         pair = [
             np.where(o.valid[own, c], s.linears[r].residual[own, c] * o.sd[own, c], np.nan)
-            for s in (alone, best)
+            for s in pair_of
         ]
         name = o.record.name
         out.append(Trace(name, name in held, o.record.time[own], *pair))
-    return tuple(out)
-
-
-def _rms(problem: Problem, fitted: Fitted) -> Array:
-    """Rms of the residual by channel [its unit], (m,)."""
-    return rms_of(problem.fit, fitted.residuals)
-
-
-def _white(problem: Problem, fitted: Fitted) -> Array:
-    """Noise of each sensor from the residual of a set, in units of the noise so far [1], (m,).
-
-    It is the part of the residual that neighboring samples do not share, so that a residual which
-    is white is noise.
-    """
-    of_records = [
-        [
-            noise_of_samples(o.record.time[o.valid[:, c]], x.residual[o.valid[:, c], c], 1)
-            for c in range(fitted.noise.size)
-        ]
-        for x, o in zip(fitted.linears, problem.fit, strict=True)
-    ]
-    return np.asarray(np.sqrt(np.mean(np.square(of_records), axis=0)))
-
-
-def _channels(
-    problem: Problem,
-    shown: Problem,
-    alone: Fitted,
-    best: Fitted,
-    predicted: dict[tuple[int, ...], Predicted | None],
-    options: Options,
-) -> tuple[Channel, ...]:
-    """Residuals by channel of the tabulated, the calibrated, and the explained model."""
-    point = empty_point(problem, (), problem.fit)
-    start = type(point)(
-        point.x,
-        tuple(
-            np.array([v if q.weight < 1e-4 else 0.0 for q, v in zip(o.local, values, strict=True)])
-            for o, values in zip(problem.fit, alone.point.local, strict=True)
-        ),
-    )
-    seen = evaluate(problem, [EvaluationRequest((), start, problem.fit, derivatives=False)])[0]
-    tabulated = rms_of(problem.fit, (x.residual for x in seen))
-    calibrated, explained = _rms(problem, alone), _rms(problem, best)
-    noise = problem.noise * (_white(problem, best) if problem.noise_estimated else 1.0)
-    held = [None if (p := predicted.get(s.causes)) is None else p.rms(shown) for s in (alone, best)]
-    out = []
-    for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True)):
-        stated = options.good_enough.get(name, options.good_enough.get(unit))
-        motion = float(problem.motion[c])
-        out.append(
-            Channel(
-                name,
-                unit,
-                float(noise[c]) or math.nan,
-                motion,
-                float(tabulated[c]),
-                float(calibrated[c]),
-                float(explained[c]),
-                math.nan if held[0] is None else float(held[0][c]),
-                math.nan if held[1] is None else float(held[1][c]),
-                GOOD_ENOUGH * motion if stated is None else stated,
-            )
-        )
     return tuple(out)
