@@ -363,9 +363,9 @@ def split_records(
     """Split records into fitted and held-out records.
 
     Held out are the named records; without names, those with the role "held_out", else a third of
-    three or more records, see :func:`_third`. Of one or two records, every second of five blocks is held out (two
-    blocks if there are less than 100 samples): both parts keep all times, and the outputs of the
-    other blocks are removed.
+    three or more records, see :func:`_third`. Of one or two records, every second of five blocks is
+    held out (two blocks if there are less than 100 samples): both parts keep all times, and the
+    outputs of the other blocks are removed.
 
     ``hold_out``: names; () holds nothing out, and None is as above.
     """
