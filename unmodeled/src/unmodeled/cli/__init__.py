@@ -12,6 +12,7 @@ COMMANDS = {
     "diagnose": ("unmodeled.cli.diagnose:run", "Which effect does the model lack, and how large?"),
     "fit": ("unmodeled.cli.diagnose:fit", "Fit parameters to records, with intervals."),
     "plan": ("unmodeled.cli.plan:plan", "What proposed records would tell about causes."),
+    "why": ("unmodeled.cli.why:why", "Why a candidate is in the answer, or not."),
     "verify": ("unmodeled.cli.verify:verify", "Repeat a diagnosis, and compare the answers."),
     "blind": ("unmodeled.cli.diagnose:blind", "Test the diagnosis on simulated machines."),
     "join": ("unmodeled.cli.records:join", "Join two files with two clocks to one record."),

@@ -22,6 +22,7 @@ from unmodeled.data import Array, Record
 from unmodeled.files import make_folder, write_text
 from unmodeled.fit.model import Candidate, Effect, Model
 from unmodeled.report.figures import correlation, residual_force, residuals, svg, waterfall
+from unmodeled.report.why import why
 from unmodeled.report.words import (
     clause,
     interval,
@@ -490,6 +491,9 @@ def _details(result: Result) -> Iterator[_Section]:
     yield _Section("Causes", head=("cause", "probability"), rows=rows)
     rows = [[p.name, tabulated(p), interval(p)] for p in result.parameters]
     yield _Section("Parameters", head=("parameter", "tabulated", "fitted, 95 %"), rows=rows)
+    rows = [[f.cause, f.mark.value if f.mark else "no", ", ".join(f.codes)]
+            for f in result.findings if f.member or f.left][:ROWS]  # fmt: skip
+    yield _Section("Why", head=("candidate", "in the answer", "because"), rows=rows)
     notes = merged(result.notes)
     if result.not_tried:
         more = len(result.not_tried) - ROWS
@@ -553,6 +557,22 @@ class Report(Result):
     def summary(self) -> str:
         """The first two changes, what remains, and whether that matters."""
         return _statement(self)
+
+    @checked
+    def why(self, name: str) -> str:
+        """Why a candidate is in the answer, or not.
+
+        Parameters
+        ----------
+        name
+            Name of an effect, an error of a sensor or input, or a parameter that was a candidate.
+
+        Raises
+        ------
+        InvalidParameter
+            There is no candidate of this name.
+        """
+        return why(self.finding(name))
 
     def _first(self) -> list[_Section]:
         parts = [_changes(self), _held_out(self), _where(self)]

@@ -7,11 +7,15 @@ shows (:mod:`unmodeled.search.choice`) is told with its mark, and what is not ha
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from difflib import get_close_matches
 from enum import Enum
+from typing import Any
 
-__all__ = ["RULES", "Finding", "Mark", "Rule", "marked"]
+from unmodeled.errors import InvalidParameter
+
+__all__ = ["RULES", "Finding", "Mark", "Rule", "from_plain", "listed", "marked", "thresholds"]
 
 
 class Mark(Enum):
@@ -78,6 +82,44 @@ class Finding:
     """None: it is not in the answer."""
     codes: tuple[str, ...] = ()
     """Codes of the rules that hold, the one that gave the mark first."""
+
+
+def from_plain(report: Mapping[str, Any]) -> tuple[Finding, ...]:
+    """The findings of a stored report.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        It holds none, or none of this form.
+    """
+    out = []
+    for row in report["findings"]:
+        own = {f.name: row[f.name] for f in fields(Finding)}
+        numbers = {f.name: float("nan" if row[f.name] is None else row[f.name])
+                   for f in fields(Finding) if f.type == "float"}  # fmt: skip
+        own |= numbers
+        own |= {k: tuple(row[k]) for k in ("equivalents", "codes")}
+        own["held_out"] = None if (g := row["held_out"]) is None else tuple(map(float, g))
+        own["mark"] = None if row["mark"] is None else Mark[row["mark"]]
+        out.append(Finding(**own))
+    return tuple(out)
+
+
+def listed(findings: Sequence[Finding], name: str) -> Finding:
+    """The finding of a candidate.
+
+    Raises
+    ------
+    InvalidParameter
+        There is no candidate of this name.
+    """
+    names = [f.cause for f in findings]
+    if name in names:
+        return findings[names.index(name)]
+    near = ", ".join(get_close_matches(name, names, 3, 0.3)) or "none"
+    raise InvalidParameter(
+        f"no candidate {name!r} among {len(names)}; expected the name of one, nearest: {near}"
+    )
 
 
 @dataclass(frozen=True)

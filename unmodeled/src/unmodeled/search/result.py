@@ -17,10 +17,9 @@ import numpy as np
 
 from unmodeled.arguments import AnyNumber, checked
 from unmodeled.data import Array
-from unmodeled.errors import InvalidParameter
 from unmodeled.fit.model import UserUnit
 from unmodeled.fit.subject import NOTHING, Subject
-from unmodeled.search.ledger import Finding
+from unmodeled.search.ledger import Finding, listed
 
 __all__ = [
     "OUTCOMES",
@@ -498,15 +497,7 @@ class Result:
         InvalidParameter
             There is no candidate of this name.
         """
-        from difflib import get_close_matches
-
-        names = [f.cause for f in self.findings]
-        if name in names:
-            return self.findings[names.index(name)]
-        near = ", ".join(get_close_matches(name, names, 3, 0.3)) or "none"
-        raise InvalidParameter(
-            f"no candidate {name!r} among {len(names)}; expected the name of one, nearest: {near}"
-        )
+        return listed(self.findings, name)
 
     def _change(self, n: NamedCause, tier: Tier, p: ParameterValue | None = None) -> Change:
         """A change with what it takes away of the channel where this matters most."""
