@@ -9,6 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from unmodeled.cli.models import (
     DATA,
     EXCLUDE,
@@ -64,6 +66,11 @@ DIFF = 60
 
 CREDIBILITY = {"type": Number(0.5, 1, max_open=True)}
 SECONDS = {"type": positive("s")}
+TOLERANCES = {
+    "type": click.Choice(["auto", "drawn", "kept"]),
+    "text": "Whether all parameters deviate by about their standard deviations, as those of a new "
+    "machine (drawn), or few do, as after a repair (kept); auto: the records decide.",
+}
 
 
 # --- diagnosis -----------------------------------------------------------------------------------
@@ -93,6 +100,7 @@ def run(
         prior={"type": Number(0, 1, min_open=True, max_open=True)},
         max_effects={"type": count(1, 12)},
         seconds=SECONDS,
+        tolerances=TOLERANCES,
     ),
     good_enough: tuple[str, ...] = option(
         "Difference that does not matter, such as 0.2mm or tip.x=0.1mm; default: 1 % of the "
@@ -236,7 +244,9 @@ def floors(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
 def fit(
     model: str = MODEL,
     data: tuple[Path, ...] = DATA,
-    options: Options = fields_of("unmodeled.search.options:Options", seconds=SECONDS),
+    options: Options = fields_of(
+        "unmodeled.search.options:Options", seconds=SECONDS, tolerances=TOLERANCES
+    ),
     out: Path | None = option("Folder for fit.json.", FolderName(), metavar="DIRECTORY"),
     reading: ReadOptions = READING,
     settings: tuple[str, ...] = MODEL_SET,

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, best_of, log_odds
 from unmodeled.search.held_out import Predicted, Ratio, compare, predict
 from unmodeled.search.options import Options
@@ -41,15 +42,21 @@ class Need:
     """Log odds of the set and the set without it; NaN: that one was not fitted."""
     held_out: Ratio | None = None
     """Held-out residuals without it over those with it; None: they are not known."""
+    fails: bool = False
+    """Whether the model cannot be simulated without it."""
     differs: float = 1.0
     """Probability that its size is the same in all records, as far as differences matter [1]."""
     left: bool = False
     """Whether it has left the set."""
+    over_matters: float = math.nan
+    """What it takes away in the held-out records, over what matters [1]."""
 
     @property
     def predicts(self) -> bool:
-        """Whether held-out records surely need it."""
-        return self.held_out is not None and self.held_out.low > WORTH
+        """Whether held-out records surely need it, by more than what matters."""
+        return self.fails or (
+            self.held_out is not None and self.held_out.low > WORTH and self.over_matters > 1.0
+        )
 
     @property
     def refused(self) -> bool:
@@ -169,9 +176,9 @@ def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -
     best, needs = found[0]
     for rival, other in found[1:]:
         ratio = _ratio(out, best.causes, rival.causes, rival)
-        equal = ratio.low <= WORTH and ratio.high >= -WORTH
         odds = log_odds(out.problem, rival, best)
-        if ratio.low > WORTH or (equal and odds > 0.0):
+        adds = {*best.causes} <= {*rival.causes} or odds > -_sure(options)
+        if (ratio.low > WORTH and adds) or (ratio.high >= -WORTH and odds > 0.0):
             best, needs = rival, {**needs, **other}
         else:
             needs = {**other, **needs}
@@ -181,12 +188,17 @@ def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -
     out.best, out.needs = best, needs
 
 
+def _sure(options: Options) -> float:
+    """Log odds of the credibility."""
+    return math.log(options.credibility / (1.0 - options.credibility))
+
+
 def _pruned(
     out: Chosen, now: Fitted, options: Options, check: Callable[[], None]
 ) -> tuple[Fitted, dict[int, Need]]:
     """A set without the members that are not needed, and why each stays or left."""
     left: dict[int, Need] = {}
-    enough = math.log(options.credibility / (1.0 - options.credibility))
+    enough = _sure(options)
     while now.members:
         needs = _needs(out, now, options, check)
         leaves = {
@@ -217,15 +229,26 @@ def _needs(
     found = {}
     for cause, rest in zip(now.causes, smaller, strict=True):
         if rest is None:
-            found[cause] = Need(differs=differences(out.problem, now, cause, options))
+            found[cause] = Need(math.inf, None, fails=True)
             continue
         known = {now.causes, rest.causes} <= {k for k, v in out.predicted.items() if v is not None}
         found[cause] = Need(
             log_odds(out.problem, now, rest),
             _ratio(out, rest.causes, now.causes, now) if known else None,
-            differences(out.problem, now, cause, options),
+            differs=differences(out.problem, now, cause, options),
+            over_matters=_over_matters(out, rest, now, options) if known else math.nan,
         )
     return found
+
+
+def _over_matters(out: Chosen, rest: Fitted, now: Fitted, options: Options) -> float:
+    """What a member takes away in the held-out records, over what matters [1]."""
+    problem = out.searched.problem
+    without, with_it = out.predicted[rest.causes], out.predicted[now.causes]
+    assert without is not None
+    assert with_it is not None
+    taken = np.sqrt(np.maximum(without.rms(problem) ** 2 - with_it.rms(problem) ** 2, 0.0))
+    return float(np.max(taken / what_matters(problem, options)))
 
 
 def _predict_smaller(out: Chosen, now: Fitted, check: Callable[[], None]) -> None:
@@ -266,7 +289,8 @@ def _best_so_far(out: Chosen, options: Options) -> None:
     for i in out.best.causes:
         rest = out.everything.sets.get(tuple(k for k in out.best.causes if k != i))
         evidence = math.nan if rest is None else log_odds(out.problem, out.best, rest)
-        out.needs[i] = Need(evidence, None, differences(out.problem, out.best, i, options))
+        differs = differences(out.problem, out.best, i, options)
+        out.needs[i] = Need(evidence, None, differs=differs)
 
 
 def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) -> float:
@@ -283,8 +307,7 @@ def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) 
     values, covariance = by_record(problem, fitted, k)
     inverse = np.linalg.inv(covariance)
     apart = values - (inverse @ values).sum() / inverse.sum()
-    enough = np.array([options.matters(n, u, m) for n, u, m in zip(
-        problem.names, problem.units, problem.motion, strict=True)])  # fmt: skip
+    enough = what_matters(problem, options)
     for d, x, o in zip(apart, fitted.linears, problem.fit, strict=True):
         count = np.maximum(o.samples, 1.0)
         moved = abs(d) * np.sqrt((x.by_global[..., k] ** 2).sum(axis=0) / count)
@@ -292,3 +315,9 @@ def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) 
         if np.any((moved > fitted.noise) & (in_unit > enough)):
             return float(chdtrc(len(values) - 1, apart @ inverse @ apart))
     return 1.0
+
+
+def what_matters(problem: Problem, options: Options) -> Array:
+    """Residual from which on it matters by channel [its unit], (m,)."""
+    rows = zip(problem.names, problem.units, problem.motion, strict=True)
+    return np.array([max(options.matters(*row), 1e-300) for row in rows])

@@ -13,8 +13,9 @@ tempered likelihood with Laplace's approximation. With a right model and white n
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -38,6 +39,8 @@ class Fitted:
     linears: tuple[Linear, ...]
     noise: Array
     """Noise of each channel in units of the noise of its sensor [1], (m,), at least 1."""
+    serial: int = field(default_factory=itertools.count().__next__)
+    """Number of the fit: no other one has it."""
 
     @property
     def causes(self) -> tuple[int, ...]:

@@ -73,8 +73,9 @@ def _unknown_starts(problem: Problem) -> bool:
 
 #: Least number of held-out records whose ratios are compared with each other.
 MANY = 5
-#: Factor of the interval from blocks: neighboring blocks share their discrepancy.
-WIDER = 1.5
+#: The interval from the blocks of R records is wider by 1 + SHARED / R: the blocks of a record
+#: share its discrepancy, of which R records show R examples.
+SHARED = 2.0
 
 
 @dataclass(frozen=True)
@@ -115,5 +116,5 @@ def compare(one: Predicted, other: Predicted, noise: Array, share: float) -> Rat
 
         half = float(stdtrit(count - 1, 0.975)) * float(np.std(ratios, ddof=1)) / math.sqrt(count)
     else:
-        half = WIDER * HALF * math.sqrt(sum(variances)) / count
+        half = (1.0 + SHARED / count) * HALF * math.sqrt(sum(variances)) / count
     return Ratio(mean, mean - half, mean + half, sum(r < 0.0 for r in ratios), count)

@@ -46,6 +46,8 @@ VERSION = 3
 #: Deviation of a parameter, in standard deviations of its prior, up to which it is within its
 #: tolerance.
 TOLERANCE = 2.0
+#: Share of a residual that is no improvement.
+NOTHING = 0.01
 
 
 class Verdict(Enum):
@@ -477,6 +479,8 @@ class Result:
         for alike in changed:
             if alike and not known & {p.name for p in alike}:
                 first, *others = (self._change(p.as_cause(), "fitted", p) for p in alike)
+                if first.before < (1.0 + NOTHING) * first.after:
+                    continue  # it is in the table of parameters
                 tier = "fitted" if first.matters else "small"
                 found.append(replace(first, tier=tier, equivalents=tuple(others)))
         order = {"supported": 1, "small": 3, "unsure": 4}

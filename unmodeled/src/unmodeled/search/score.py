@@ -10,7 +10,7 @@ import numpy as np
 
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
-from unmodeled.search.evidence import Fitted, prior_of, system, weights
+from unmodeled.search.evidence import DEGREES, Fitted, prior_of, system, weights
 from unmodeled.search.linear import EvaluationRequest, evaluate
 from unmodeled.search.problem import RELEASED, Member, Members, Problem
 
@@ -233,7 +233,7 @@ def _released(
             continue
         k = problem.free.index(cause.parameter)
         wider = weight.copy()
-        wider[k] = 1.25 * prior.weight[k] / RELEASED**2
+        wider[k] = (DEGREES + 1.0) / DEGREES * prior.weight[k] / RELEASED**2
         gain = _gain(matrix, right, wider, x) - base + 0.5 * (weight[k] - wider[k]) * x[k] ** 2
         found[i] = Score(i, None, float(gain), 0.0)
     return found

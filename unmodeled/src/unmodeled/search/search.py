@@ -325,9 +325,9 @@ def _refit(
     todo = []
     for members, origin, added in jobs:
         key = tuple(m.cause for m in members)
-        if (key, id(origin)) in found.tried or found.sets.get(key) is origin:
+        if (key, origin.serial) in found.tried or found.sets.get(key) is origin:
             continue
-        found.tried.add((key, id(origin)))
+        found.tried.add((key, origin.serial))
         todo.append(start_from(problem, members, origin, added))
     rivals = [best_of(problem, list(found.sets.values()))] if found.sets else []
     try:

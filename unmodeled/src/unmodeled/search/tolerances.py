@@ -16,9 +16,10 @@ probabilities and intervals are those of the mixture of the configurations.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations, product
 
 import numpy as np
 
@@ -32,6 +33,9 @@ from unmodeled.search.problem import NARROW, Problem
 NEGLIGIBLE = 1e-4
 #: Largest number of configurations from which further ones are tried.
 BEAM = 40
+#: Posterior over prior standard deviation above which a parameter alone is hardly known, and below
+#: which a product of powers is known [1].
+ALONE, TOGETHER = 0.5, 0.3
 #: Probability outside an interval [1].
 OUTSIDE = 0.05
 
@@ -264,6 +268,68 @@ def _quantiles(weight: Array, mean: Array, sd: Array) -> tuple[float, float]:
         return 0.5 * (low + high)
 
     return at(0.5 * OUTSIDE), at(1.0 - 0.5 * OUTSIDE)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Powers of parameters whose product is known better than each of them."""
+
+    parameters: tuple[int, ...]
+    """Indices among the global unknowns."""
+    exponents: tuple[int, ...]
+    value: float
+    """Relative deviation of the product from the tabulated one [1]."""
+    low: float
+    """Lower end of the 95 % interval [1]."""
+    high: float
+    sd: float
+    """Standard deviation of its prior [1]."""
+
+
+def combination(own: Posterior, spread: Array, told: Collection[int]) -> Combination | None:
+    """The product of powers of two or three parameters that is known best, if it deviates.
+
+    Each of them alone is hardly known (posterior above 0.7 of its prior), and the product is
+    (below 0.3 of its prior).
+
+    Parameters
+    ----------
+    own
+        Posterior of the global unknowns.
+    spread
+        Standard deviation of each global unknown over its tabulated value [1]; 0: it is no positive
+        number with a tolerance, (g,).
+    told
+        Parameters that are told by themselves.
+    """
+    sd = np.sqrt(np.diag(own.covariance))
+    some = [k for k in own.tested if spread[k] > 0.0 and sd[k] > ALONE and k not in told]
+    best, least = None, TOGETHER
+    for count in (2, 3):
+        powers = [
+            e for e in product((1, -1, 2, -2), repeat=count) if e[0] > 0 and min(map(abs, e)) == 1
+        ]
+        for members in combinations(some, count):
+            at = list(members)
+            covariance = own.covariance[np.ix_(at, at)]
+            for e in powers:
+                weight = np.array(e) * spread[at]
+                prior = float(np.linalg.norm(weight))
+                known = math.sqrt(max(float(weight @ covariance @ weight), 0.0))
+                if known < 0.9 * least * prior:  # a third parameter must be worth it
+                    best, least = (members, e, weight, prior), known / prior
+    if best is None:
+        return None
+    members, e, weight, prior = best
+    at = list(members)
+    means = np.array([float(weight @ c.mean[at]) for c in own.configurations])
+    sds = [
+        math.sqrt(float(weight @ c.covariance[np.ix_(at, at)] @ weight)) for c in own.configurations
+    ]
+    low, high = (math.expm1(v) for v in _quantiles(own.weight, means, np.array(sds)))
+    if low <= 0.0 <= high:
+        return None
+    return Combination(members, e, math.expm1(float(own.weight @ means)), low, high, prior)
 
 
 def in_each_record(

@@ -48,7 +48,14 @@ from unmodeled.search.result import (
 )
 from unmodeled.search.score import by_record, index_of
 from unmodeled.search.search import Searched, linked, rank, start_from
-from unmodeled.search.tolerances import Posterior, in_each_record, posterior, white
+from unmodeled.search.tolerances import (
+    Combination,
+    Posterior,
+    combination,
+    in_each_record,
+    posterior,
+    white,
+)
 
 #: Largest number of members of a class, of causes or of parameters, that is told.
 CLASS = 6
@@ -325,6 +332,18 @@ def _without(answer: Answer) -> list[Without]:
     return out
 
 
+def _left(answer: Answer, points: Sequence[Point]) -> list[tuple[float, ...]]:
+    """Residual by channel of the set at other points [its unit]; infinite: a simulation fails."""
+    problem, members = answer.problem, answer.best.members
+    asked = [EvaluationRequest(members, p, problem.fit, derivatives=False) for p in points]
+    out = []
+    for linears in evaluate(problem, asked) if asked else []:
+        with np.errstate(all="ignore"):
+            rms = rms_of(problem.fit, (v.residual for v in linears))
+        out.append(tuple(float(v) if math.isfinite(v) else math.inf for v in rms))
+    return out
+
+
 def _changed(
     answer: Answer, options: Options
 ) -> tuple[tuple[tuple[ParameterValue, ...], ...], list[Without]]:
@@ -334,35 +353,57 @@ def _changed(
     told, classes = _told(own.sets(), own.weight, options.credibility)
     groups = [[k] for k in dict.fromkeys([*apart, *told])]
     groups += [g for g in classes if not {*g} & {*apart, *told}]
-    values = tuple(
-        tuple(_parameter(answer, k, (k,) if len(g) > 1 else ()) for k in g) for g in groups
-    )
-    names = [[answer.problem.model.parameters[answer.problem.free[k]].name for k in g]
-             for g in groups]  # fmt: skip
+    values = [tuple(_parameter(answer, k, (k,) if len(g) > 1 else ()) for k in g) for g in groups]
+    lost = [[g[0]] for g in groups]
+    together = combination(own, _relative(answer.problem), {k for g in groups for k in g})
+    if together is not None:
+        values.append((_product(answer.problem, together),))
+        lost.append(list(together.parameters))
     after = tuple(map(float, _rms(answer.problem, answer.best)))
-    left = _without_parameters(answer, [g[0] for g in groups])
-    without = [Without(n, before, after) for g, before in zip(names, left, strict=True) for n in g]
-    return values, without
+    without = [
+        Without(p.name, before, after)
+        for alike, before in zip(values, _without_parameters(answer, lost), strict=True)
+        for p in alike
+    ]
+    return tuple(values), without
 
 
-def _without_parameters(answer: Answer, changed: Sequence[int]) -> list[tuple[float, ...]]:
-    """Residual by channel if a parameter has its tabulated value, the others to first order."""
+def _relative(problem: Problem) -> Array:
+    """Standard deviation of the prior of each free parameter over its value [1]; 0: no product."""
+    own = [problem.model.parameters[i] for i in problem.free]
+    return np.array(
+        [p.sd / p.value if p.value > 0.0 and not p.relative and p.sd < 0.3 * p.value else 0.0
+         for p in own]
+    )  # fmt: skip
+
+
+def _product(problem: Problem, found: Combination) -> ParameterValue:
+    """A product of powers of parameters in the form of a parameter: its relative deviation."""
+    names = [problem.model.parameters[problem.free[k]].name for k in found.parameters]
+    powers = [n if e == 1 else f"{n}^{e}" for n, e in zip(names, found.exponents, strict=True)]
+    name = " ".join(powers)
+    either = f"{', or '.join(names)}, or {'both' if len(names) == 2 else 'all'}"
+    return ParameterValue(
+        name, f"The product {name} ({either})", "1", 0.0, found.sd, found.value, found.low,
+        found.high, relative=True,
+    )  # fmt: skip
+
+
+def _without_parameters(
+    answer: Answer, changed: Sequence[Sequence[int]]
+) -> list[tuple[float, ...]]:
+    """Residual by channel if parameters have their tabulated values, the others to first order."""
     problem, best = answer.problem, answer.best
     covariance = answer.posterior.configurations[0].covariance
     low, high = problem.parameter_bounds
-    asked = []
-    for k in changed:
-        x = best.point.x - covariance[:, k] / covariance[k, k] * best.point.x[k]
+    points = []
+    for at in changed:
+        inner = covariance[np.ix_(at, at)]
+        x = best.point.x - covariance[:, at] @ np.linalg.solve(inner, best.point.x[at])
         x[: low.size] = np.clip(x[: low.size], low, high)
-        x[k] = 0.0
-        point = Point(x, best.point.local)
-        asked.append(EvaluationRequest(best.members, point, problem.fit, derivatives=False))
-    out = []
-    for linears in evaluate(problem, asked) if asked else []:
-        with np.errstate(all="ignore"):
-            rms = rms_of(problem.fit, (v.residual for v in linears))
-        out.append(tuple(float(v) if math.isfinite(v) else math.inf for v in rms))
-    return out
+        x[at] = 0.0
+        points.append(Point(x, best.point.local))
+    return _left(answer, points)
 
 
 def _places(
@@ -570,10 +611,11 @@ def _at_limit(problem: Problem, fitted: Fitted, cause: int) -> bool:
     found = problem.causes[cause]
     if found.effect is None:
         return False
-    x = fitted.point.x[index_of(problem, fitted.members, cause)]
+    x, scale = fitted.point.x[index_of(problem, fitted.members, cause)], found.effect.scale
     return any(
-        math.isfinite(v) and abs(x - v) < 1e-6 * max(abs(v), 1.0) and v * found.effect.scale != 1.0
+        math.isclose(x, v, rel_tol=1e-6, abs_tol=1e-6)
         for v in found.bounds
+        if math.isfinite(v) and not math.isclose(v * scale, 1.0, rel_tol=1e-9)
     )
 
 
