@@ -47,7 +47,7 @@ VERSION = 3
 #: tolerance.
 TOLERANCE = 2.0
 #: Share of a residual that is no improvement.
-NOTHING = 0.01
+NO_GAIN = 0.01
 
 
 class Verdict(Enum):
@@ -479,7 +479,7 @@ class Result:
         for alike in changed:
             if alike and not known & {p.name for p in alike}:
                 first, *others = (self._change(p.as_cause(), "fitted", p) for p in alike)
-                if first.before < (1.0 + NOTHING) * first.after:
+                if first.before < (1.0 + NO_GAIN) * first.after:
                     continue  # it is in the table of parameters
                 tier = "fitted" if first.matters else "small"
                 found.append(replace(first, tier=tier, equivalents=tuple(others)))
