@@ -15,7 +15,8 @@ SENTENCES = {
     "refused": "It left the answer: the held-out records are surely predicted worse with it.",
     "not needed": "It left the answer: neither the evidence nor the held-out records need it.",
     "less probable": "It was fitted, and another set of causes is more probable.",
-    "cut": "The search did not reach its end: it is the best so far, and has no name.",
+    "cut": "The search did not reach its end, or the set without it was not fitted: it is the best "
+    "so far, and has no name.",
     "at limit": "Its size is at a limit that is none of its law, so that it may imitate another "
     "cause.",
     "zero": "Its 95 % interval contains zero.",

@@ -76,6 +76,8 @@ class Searched:
     """Directions at this fit."""
     alike: list[frozenset[int]] = field(default_factory=list)
     """Pairs of causes with the same columns in a set."""
+    grown: bool = False
+    """Whether the search tried all that it would add to the best set."""
     ended_by: BaseException | None = None
     """``Stop`` or ``KeyboardInterrupt``, if one ended the search before its end."""
 
@@ -480,7 +482,7 @@ def _climb(
             now = best
         if now.causes == before.causes and gain(now, before) <= 0.0:
             break
-    improved = True
+    found.grown = improved = True
     while improved and now.members:  # exchange
         improved = False
         tell("exchange")

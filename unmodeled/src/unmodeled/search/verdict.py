@@ -239,7 +239,7 @@ def _findings(
             predicts=need.predicts,
             refused=need.refused,
             same=need.differs,
-            complete=chosen.everything.ended_by is None,
+            complete=chosen.searched.grown,
             credibility=options.credibility,
         )
         if need.held_out is not None:
