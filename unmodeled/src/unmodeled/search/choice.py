@@ -296,7 +296,7 @@ def _best_so_far(out: Chosen, options: Options) -> None:
 def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) -> float:
     """Probability that a magnitude is the same in all records; 1: differences do not matter.
 
-    Differences that move no channel of a record by more than its noise, or by more than what
+    Differences that move no channel of a record by more than its noise, or leave less than what
     matters, are none, however many samples show them.
     """
     if problem.causes[cause].local is not None or len(problem.fit) < 2:
@@ -310,9 +310,11 @@ def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) 
     enough = what_matters(problem, options)
     for d, x, o in zip(apart, fitted.linears, problem.fit, strict=True):
         count = np.maximum(o.samples, 1.0)
-        moved = abs(d) * np.sqrt((x.by_global[..., k] ** 2).sum(axis=0) / count)
-        in_unit = abs(d) * np.sqrt(((x.by_global[..., k] * o.sd) ** 2).sum(axis=0) / count)
-        if np.any((moved > fitted.noise) & (in_unit > enough)):
+        moved = np.sqrt(((d * x.by_global[..., k]) ** 2).sum(axis=0) / count)
+        in_unit = np.sqrt(((d * x.by_global[..., k] * o.sd) ** 2).sum(axis=0) / count)
+        # Sizes of their own would take away no more than what is left.
+        left = np.sqrt(((x.residual * o.sd) ** 2).sum(axis=0) / count)
+        if np.any((moved > fitted.noise) & (np.minimum(in_unit, left) > enough)):
             return float(chdtrc(len(values) - 1, apart @ inverse @ apart))
     return 1.0
 

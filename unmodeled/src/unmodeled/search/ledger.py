@@ -151,7 +151,8 @@ RULES: tuple[Rule, ...] = (
          "log odds below those of the credibility, and no sure gain of 5 % in held-out records"),
     Rule("less probable", None, lambda f: not f.member, "another set is more probable"),
     # Marks of what is in the answer.
-    Rule("cut", Mark.UNSURE, lambda f: not f.complete or math.isnan(f.evidence), "the search did not reach its end, or the set without it was not fitted"),
+    Rule("cut", Mark.UNSURE, lambda f: not f.complete or math.isnan(f.evidence),
+         "the search did not reach its end, or the set without it was not fitted"),
     Rule("at limit", Mark.UNSURE, lambda f: f.at_limit and not _probable(f),
          "size at a limit that is none of its law"),
     Rule("zero", Mark.UNSURE, lambda f: not f.excludes_zero and not f.equivalents
