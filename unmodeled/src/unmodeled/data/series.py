@@ -60,6 +60,8 @@ class Columns:
     """Units as stated in the file; only columns with a unit are included."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Other content of the file, and why it is not a series."""
+    matrices: dict[str, Array] = field(default_factory=dict)
+    """Arrays of two sides, which are series if one side is as long as the clock."""
     headings: dict[str, str] = field(default_factory=dict)
     """Complete heading by name, if it contains more than the name."""
     source: str = ""
@@ -348,25 +350,33 @@ def seconds_of_day(texts: Sequence[str]) -> Array | None:
     timed = {m["h"] is not None for m in matches}
     if not matches or len(matches) < len(texts) or len(timed) > 1:
         return None
-    seconds = np.zeros(len(matches))
+    # Whole nanoseconds: those of all days since the year 0 have 63 bits, a float has 53.
+    passed = np.zeros(len(matches), dtype=np.int64)
     if True in timed:
-        seconds[:] = [
-            3600.0 * (int(m["h"]) % 12 + 12 * (m["half"] in "Pp") if m["half"] else int(m["h"]))
-            + 60.0 * int(m["m"])
-            + float(m["s"].replace(",", "."))
-            for m in matches
-        ]
+        passed[:] = [_nanoseconds(m) for m in matches]
     days = _days([(m["a"], m["sign"], m["b"], m["c"]) for m in matches])
     if days is not None:
-        seconds += 86400.0 * days
+        passed += _DAY * (days - days[0])
     elif True in timed:
-        seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
+        passed[1:] += _DAY * np.cumsum(np.diff(passed) < -_DAY // 2)
     else:
         return None
-    return np.asarray(np.round(seconds - seconds[0], 9))
+    return np.asarray((passed - passed[0]) / 1e9)
 
 
-def _days(dates: Sequence[tuple[str | None, ...]]) -> Array | None:
+_DAY = 86_400_000_000_000  # ns
+
+
+def _nanoseconds(moment: re.Match[str]) -> int:
+    """Time of day [ns]."""
+    hour = int(moment["h"])
+    if moment["half"]:
+        hour = hour % 12 + 12 * (moment["half"] in "Pp")
+    whole, _, rest = moment["s"].replace(",", ".").partition(".")
+    return (3600 * hour + 60 * int(moment["m"]) + int(whole)) * 10**9 + int(f"{rest:0<9}"[:9])
+
+
+def _days(dates: Sequence[tuple[str | None, ...]]) -> NDArray[np.int64] | None:
     """Number of the day of each date; None: there are none, or day and month may be exchanged."""
     parts = {(a, sign, b, c) for a, sign, b, c in dates}
     first, signs, second, _ = zip(*parts, strict=True)
@@ -387,7 +397,7 @@ def _days(dates: Sequence[tuple[str | None, ...]]) -> Array | None:
             number[a, sign, b, c] = date(y + 2000 * (y < 100), m, d).toordinal()
         except ValueError:
             return None
-    return np.array([number[p] for p in dates], dtype=np.float64)
+    return np.array([number[p] for p in dates], dtype=np.int64)
 
 
 def _doubled(names: Iterable[str]) -> bool:
