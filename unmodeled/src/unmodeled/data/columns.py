@@ -16,7 +16,14 @@ from pathlib import Path
 
 import numpy as np
 
-from unmodeled.data.formats import MOST_COLUMNS, add_block, read_frame, read_messages, reading
+from unmodeled.data.formats import (
+    MOST_COLUMNS,
+    add_block,
+    read_frame,
+    read_json_table,
+    read_messages,
+    reading,
+)
 from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, workbook_lines
 from unmodeled.data.mat import mat_variables
 from unmodeled.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
@@ -245,6 +252,8 @@ READERS: dict[str, Callable[[Path], Columns]] = {
     ".hdf5": _read_groups,
     ".parquet": read_frame,
     ".feather": read_frame,
+    ".json": read_json_table,
+    ".jsonl": read_json_table,
     ".mcap": read_messages,
     ".tdms": read_tdms,
 }

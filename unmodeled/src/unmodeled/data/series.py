@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
@@ -205,6 +206,10 @@ class Columns:
         if len(words) > np.sum(np.isfinite(values)):
             texts = [words.get(i, "") for i in range(len(values))]
             seconds = seconds_of_day(texts)
+            if seconds is None and (lists := _lists(texts)) is not None:
+                for j, part in enumerate(lists.T):
+                    self.add_cells(f"{name}.{j}", part, {}, unit)
+                return True
             if seconds is None:
                 self.texts[name] = texts
                 first = next(iter(words.values()))
@@ -280,12 +285,16 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     width = len(names)
     if table.lines < 2:
         raise DataError(f"{path}: {table.lines} rows of numbers, expected at least 2")
-    if _doubled(n for n, _ in names):
-        every = shortened(", ".join(n for n, _ in names), 600)
-        raise DataError(f"{path}: line {table.line}: a column is named twice ({every})")
     if table.lines * width > MOST_NUMBERS:
         raise DataError(f"{path}: {table.lines} rows of {width}; {limit_text()}")
     columns = Columns(decimal=table.decimal, left_out=dict.fromkeys(table.without, "no cells"))
+    counts = Counter(n for n, _ in names if n)
+    doubled = {n: f"{c} columns in line {table.line}" for n, c in counts.items() if c > 1}
+    columns.left_out |= doubled
+    if doubled:
+        told = shortened(", ".join(doubled), 200)
+        columns.notes.append(f"{told}: several columns have this name and are left out")
+    names = [("", "") if name in doubled else (name, unit) for name, unit in names]
     values, words = _cells(table, names, columns)
     if len(values) < 2:  # a quoted cell may contain the other lines
         raise DataError(f"{path}: {len(values)} rows of numbers, expected at least 2")
@@ -400,6 +409,22 @@ def _days(dates: Sequence[tuple[str | None, ...]]) -> NDArray[np.int64] | None:
     return np.array([number[p] for p in dates], dtype=np.int64)
 
 
-def _doubled(names: Iterable[str]) -> bool:
-    named = [n for n in names if n]
-    return len(set(named)) < len(named)
+#: A list of numbers in one cell: ``[0.1, 0.2]``, ``(1; 2)``, ``[0.1 0.2]``.
+_LIST = re.compile(r"[\[(]([^\[\]()]*)[\])]")
+#: Largest number of numbers in such a list.
+LONGEST_LIST = 256
+
+
+def _lists(texts: Sequence[str]) -> Array | None:
+    """Numbers of cells that all hold a list of one length, (n, k); None: they do not."""
+    rows: list[list[float | None]] = []
+    for text in texts:
+        match = _LIST.fullmatch(text.strip())
+        cells = re.split(r"\s*[,;]\s*|\s+", match[1].strip()) if match else []
+        numbers = [read_number(c) for c in cells]
+        if not 1 <= len(numbers) <= LONGEST_LIST or len(numbers) != len(rows[0] if rows else cells):
+            return None
+        if any(n is None for n in numbers):
+            return None
+        rows.append(numbers)
+    return np.array(rows, dtype=np.float64)
