@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from unmodeled.data import read_record
+from unmodeled.data.mat import mat_variables
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.files import parse_toml
 
@@ -74,3 +75,89 @@ def test_many_columns_with_a_likelihood_are_paired(tmp_path):
     rows = "\n".join(",".join([str(k)] + ["0.5,0.9"] * 300) for k in range(4))
     (tmp_path / "a.csv").write_text(f"{head}\n{rows}")
     assert len(read_record(tmp_path / "a.csv").outputs) == 300
+
+
+@pytest.mark.parametrize("form", ["4", "5", "5 packed"])
+def test_mat_variables_are_those_of_scipy(form, tmp_path):
+    from scipy.io import savemat
+
+    rng = np.random.default_rng(1)
+    given = {
+        "time": np.arange(50.0),
+        "y": rng.standard_normal((50, 3)),
+        "rows": rng.standard_normal((2, 50)),
+        "small": np.arange(2),
+        "single": rng.standard_normal(50).astype("f4"),
+        "counts": rng.integers(-9, 9, (50, 1)).astype("i2"),
+        "complex": np.arange(50) * 1j,
+        "word": "text",
+    }
+    if form[0] == "5":
+        given |= {"struct": {"a": 1.0}, "on": np.arange(50) > 9, "cell": np.array([1, "a"], object)}
+    path = tmp_path / "a.mat"
+    savemat(path, given, format=form[0], do_compression="packed" in form)
+    found = {v.name: v for v in mat_variables(path.read_bytes())}
+    assert found.keys() == given.keys()
+    for name, values in given.items():
+        if found[name].why:
+            assert name in ("complex", "word", "struct", "cell")
+        else:
+            np.testing.assert_array_equal(found[name].values.ravel(), np.ravel(values))
+    record = read_record(path)
+    assert {"y.0", "y.2", "rows.0", "rows.1", "single", "counts"} <= record.outputs.keys()
+    np.testing.assert_array_equal(record.outputs["rows.1"], given["rows"][1])
+    np.testing.assert_array_equal(record.outputs["y.2"], given["y"][:, 2])
+
+
+def test_a_complex_array_without_an_imaginary_part_is_left_out(tmp_path):
+    """One byte of the file; it ended the process in SciPy."""
+    from scipy.io import savemat
+
+    time = np.arange(100) * 0.01
+    savemat(tmp_path / "f.mat", {"time": time, "force": np.sin(time), "x": np.cos(time)})
+    data = bytearray((tmp_path / "f.mat").read_bytes())
+    data[128 + 17] = 0x08
+    (tmp_path / "f.mat").write_bytes(data)
+    with pytest.raises(DataError, match=r"time \(complex numbers\)"):
+        read_record(tmp_path / "f.mat")
+
+
+@pytest.mark.parametrize("count", [300, pytest.param(20_000, marks=pytest.mark.slow)])
+def test_any_damage_of_a_mat_file_is_a_value_error(count, tmp_path):
+    from scipy.io import savemat
+
+    rng = np.random.default_rng(2)
+    seeds = []
+    for form, packed in (("4", False), ("5", False), ("5", True)):
+        given = {"time": np.arange(40.0), "y": np.ones((2, 40)), "s": "text"}
+        savemat(tmp_path / "a.mat", given, format=form, do_compression=packed)
+        seeds.append((tmp_path / "a.mat").read_bytes())
+    for k in range(count):
+        data = bytearray(seeds[k % 3])
+        head = 128 if k % 3 else 0
+        for _ in range(rng.integers(1, 4)):
+            data[rng.integers(head, len(data))] = rng.integers(256)
+        data = data[: rng.integers(head, len(data))] if k % 5 == 0 else data
+        try:
+            [*mat_variables(bytes(data))]
+        except (ValueError, zlib.error):
+            continue
+
+
+def test_matrices_of_hdf5_lie_along_the_clock(tmp_path):
+    values = np.arange(150.0).reshape(3, 50)
+    with h5py.File(tmp_path / "a.nc", "w") as file:
+        file["time"] = np.arange(50.0)
+        file["q"] = values
+        file["image"] = np.zeros((20, 20))
+    record = read_record(tmp_path / "a.nc")
+    assert [*record.outputs] == ["q.0", "q.1", "q.2"]
+    np.testing.assert_array_equal(record.outputs["q.2"], values[2])
+
+
+def test_steps_of_a_clock_with_a_date_are_exact(tmp_path):
+    """Seconds since the year 0 have steps of 7.6 us as floats."""
+    rows = [f"2026-11-30T12:00:00.{k:06d},{k}" for k in range(0, 1000, 7)]
+    (tmp_path / "a.csv").write_text("time,x\n" + "\n".join(rows))
+    time = read_record(tmp_path / "a.csv").time
+    np.testing.assert_allclose(np.diff(time), 7e-6, rtol=1e-9)

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from unmodeled import Effect, Options
+from unmodeled.fit.authoring import Jobs
 from unmodeled.library import dry_friction, hysteresis, sensor_fault, viscous_friction
 from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
 from unmodeled.pictures.laws import law_of
-from unmodeled.pictures.motions import motions
+from unmodeled.pictures.motions import motions_of
 from unmodeled.report.figures import axis_unit, evidence, motion, raised
+from unmodeled.search.linear import theta_at
+from unmodeled.search.problem import rms_of
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.result import Change
 from unmodeled.search.search import model_alone, search
@@ -176,24 +179,45 @@ def moved(rubbing):
     effect = dry_friction(MASS, scale=0.1, speed=0.3)
     problem = prepare(ready_records(NOMINAL, rubbing), (effect,), (), Options())
     sets = search(problem, Options()).sets
-    return problem, motions(problem, sets[()], max(sets.values(), key=lambda s: len(s.members)),
-                            {"hard"})  # fmt: skip
+    best = sets[next((i,) for i, c in enumerate(problem.causes) if c.effect is effect)]
+    changes = [change_of(effect.name, 0.08, "N"), change_of("k", -4.0, "N/m")]
+    return problem, best, motions_of(problem, sets[()], best, changes, {"hard"})
 
 
 def test_motions_are_measured_as_it_is_and_with_the_changes(moved):
-    problem, (part, *whole) = moved
-    assert [(m.record, m.channel, m.unit, m.held_out) for m in whole] == [
+    problem, _, found = moved
+    assert [(m.record, m.channel, m.unit, m.held_out) for m in found.whole] == [
         ("soft", "q", "m", False), ("middle", "q", "m", False), ("hard", "q", "m", True)
     ]  # fmt: skip
-    for m, o in zip(whole, problem.fit, strict=True):
+    for m, o in zip(found.whole, problem.fit, strict=True):
         measured = np.interp(m.time, o.record.time, o.record.outputs["q"])
         assert m.measured == pytest.approx(measured, abs=1e-12)
         before, after = (np.std(m.measured - x) for x in (m.tabulated, m.changed))
         assert after < 0.1 * before
         assert after < 3e-4  # the noise is 1e-4
     # The part belongs to the record in which the changes take away most.
-    gains = {m.record: np.mean((m.measured - m.tabulated) ** 2) for m in whole}
-    assert part.record == max(gains, key=gains.__getitem__)
+    gains = {m.record: np.mean((m.measured - m.tabulated) ** 2) for m in found.whole}
+    assert found.chosen.record == max(gains, key=gains.__getitem__)
+
+
+def test_all_subsets_of_the_changes_are_simulated_at_their_sizes(moved):
+    problem, best, found = moved
+    assert found.changes == ("dry friction mass", "k")
+    by_kept = {a.kept: a for a in found.alternatives}
+    assert {*by_kept} == {(True, True), (True, False), (False, True), (False, False)}
+    for curve, m in zip(by_kept[True, True].curves, (found.chosen, *found.whole), strict=True):
+        assert curve == pytest.approx(m.changed, abs=1e-9)
+    both, no_friction = by_kept[True, True].left["q"], by_kept[False, True].left["q"]
+    assert both == pytest.approx(rms_of(problem.fit, best.residuals)[0])
+    # Without the friction, but with the other numbers of the answer: an independent simulation.
+    theta = theta_at(problem, best.point.x)
+    local = zip(problem.fit[0].local, best.point.local[0], strict=True)
+    start = np.array([[q.mean + q.scale * v for q, v in local if q.kind == "start"]])
+    jobs = Jobs(theta=theta[None], starts=start)
+    alone = problem.model.simulate(problem.fit[0].record, jobs)[0, :, 0]
+    shown = np.interp(found.whole[0].time, problem.fit[0].record.time, alone)
+    assert by_kept[False, True].curves[1] == pytest.approx(shown, abs=1e-4)
+    assert no_friction > 20.0 * both
 
 
 def test_few_points_keep_the_extremes():
@@ -237,7 +261,7 @@ def test_figures_have_units_on_their_axes_and_no_powers_of_ten(moved, friction):
     tiny = Law("a", "a $b$", "law", Axis("x", "m"), Axis("y", "N"), (), tuple(small))
     bars = Law("c", "c", "records", Axis("record", ""), Axis("offset", "m"),
                (Points("one", *(np.ones(1),) * 3),), ())  # fmt: skip
-    for figure in (evidence([friction, tiny, bars]), motion(moved[1])):
+    for figure in (evidence([friction, tiny, bars]), motion(moved[2])):
         figure.draw_without_rendering()
         for ax in figure.axes:
             if not ax.get_visible():

@@ -38,6 +38,7 @@ from unmodeled.cli.options import (
     option,
     positive,
 )
+from unmodeled.cli.records import NO_OUTPUT
 from unmodeled.cli.screen import (
     ProgressLine,
     check_targets,
@@ -145,6 +146,9 @@ def run(
         _say_cached(report)
         print_json(report.as_dict())
     else:
+        for note in report.notes:
+            if NO_OUTPUT in note:  # told first: it may be a misspelled name
+                complain(f"note: {note}")
         say(report.text(console().width))
     if folder is not None:
         title = f"{loaded.model.name}: diagnosis"

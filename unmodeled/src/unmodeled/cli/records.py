@@ -40,6 +40,10 @@ if TYPE_CHECKING:
     from unmodeled.data import ReadOptions, Record
 
 
+#: A part of the note about a channel that the model lacks.
+NO_OUTPUT = "the model has no such output"
+
+
 @declare("check", short="Check measured DATA, also against a model, before any fit.")
 def check(
     model_and_data: tuple[str, ...] = argument(complete=models, metavar="[MODEL] DATA..."),
@@ -84,6 +88,9 @@ def check(
         )
     else:
         units = loaded.model.units
+        strange = [n for n in comparison.notes if NO_OUTPUT in n]
+        notes = [n for n in comparison.notes if n not in strange]
+        _print_notes(strange)
         _print_channels(_channels(comparison.records))
         inputs = [
             (r.name, n, r.input_units.get(n) or units.get(n) or "1", f"{v.min():.4g}",
@@ -94,9 +101,7 @@ def check(
             heads = "=record | =input | unit | >lowest | >highest"
             show("inputs of the model", heads, inputs)
         _print_comparison(comparison)
-        _print_notes(
-            [*(h.text for h in comparison.hints), *comparison.notes, *_without_noise(comparison)]
-        )
+        _print_notes([*(h.text for h in comparison.hints), *notes, *_without_noise(comparison)])
         if not comparison.hints:
             say("No unit, sign, delay or order of columns explains the difference: go on with "
                 "`unmodeled diagnose`.")  # fmt: skip

@@ -7,21 +7,25 @@ message.
 from __future__ import annotations
 
 import csv
-import io
 import itertools
 import math
 import re
-import struct
-import warnings
-import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from unmodeled.data.formats import add_block, read_frame, read_messages, reading
+from unmodeled.data.formats import (
+    MOST_COLUMNS,
+    add_block,
+    read_frame,
+    read_json_table,
+    read_messages,
+    reading,
+)
 from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, workbook_lines
+from unmodeled.data.mat import mat_variables
 from unmodeled.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from unmodeled.data.tables import read_number, read_table, text_lines
 from unmodeled.data.trackers import read_tracked
@@ -40,7 +44,6 @@ FIRST = "column 1"
 _UNNAMED = re.compile(r"\s*|Unnamed: ?0")
 
 LARGEST_MAT = 500_000_000  # bytes of a MAT file of version 5
-_MAT_NUMBERS = {"double", "single"} | {f"{u}int{n}" for u in ("", "u") for n in (8, 16, 32, 64)}
 
 
 def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> Columns:
@@ -66,6 +69,7 @@ def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> 
         raise DataError(f"{path}: cannot read {kind or 'this'}; expected {expected}")
     columns = READERS[kind](path)
     columns.split_names()
+    _split_matrices(columns)
     columns.only_longest()
     columns.pair_likelihood()
     if strict and (faults := columns.faults()):
@@ -73,6 +77,17 @@ def read_columns(path: Path, *, strict: bool = True, numbered: bool = False) -> 
     if max((v.size for v in columns.values.values()), default=0) < 2:
         raise DataError(f"{path}: holds no series; there are {columns}")
     return columns
+
+
+def _split_matrices(columns: Columns) -> None:
+    """A matrix with one side as long as the clock becomes a series for each row of the other."""
+    clocks = [columns.values[n] for n in columns.called("time")]
+    length = max((v.size for v in clocks or columns.values.values()), default=0)
+    for name, values in columns.matrices.items():
+        along = [axis for axis, n in enumerate(values.shape) if n == length]
+        rows = values if along == [0] else values.T
+        if len(along) == 1 and length > 1 and add_block(columns, name, rows):
+            columns.left_out.pop(name, None)
 
 
 # ---------------------------------------------------------------- text
@@ -133,101 +148,19 @@ def _read_mat(path: Path) -> Columns:
     data = read_input(path, most=LARGEST_MAT)
     if any(data[at : at + 8] == _HDF5 for at in (0, 512, 1024, 2048)):  # after a user block
         return _read_hdf5(path, "MAT")
-    from scipy.io import loadmat, whosmat
-
     columns = Columns()
     with reading(path, "MAT"):
-        _check_elements(data)
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")  # for example two arrays with the same name
-            listed = whosmat(io.BytesIO(data))
-            wanted, total = [], 0
-            for name, shape, kind in listed:
-                if kind not in _MAT_NUMBERS:
-                    columns.left_out[plain_text(name)] = kind
-                elif columns.add(plain_text(name), shape):
-                    wanted.append(name)
-                    total += math.prod(shape)
-            few = total <= MOST_NUMBERS
-            content = loadmat(io.BytesIO(data), variable_names=wanted) if few else {}
-            for name in content.keys() & set(wanted):
-                values = np.asarray(content[name], dtype=np.float64).ravel()
-                columns.values[plain_text(name)] = values
-    if total > MOST_NUMBERS:
-        raise DataError(f"{path}: {total} numbers; {limit_text()}")
+        for name, values, why in mat_variables(data):
+            name = plain_text(name)
+            if name in columns.values or name in columns.left_out:
+                raise ValueError(f"{name} is there twice")
+            if why:
+                columns.left_out[name] = why
+            elif columns.add(name, values.shape):
+                columns.values[name] = values.ravel()
+            elif values.ndim == 2:
+                columns.matrices[name] = values
     return columns
-
-
-_MAT_PLAIN = {1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18}  # numbers and texts
-_MATRIX, _PACKED = 14, 15
-_NESTED = {1, 2, 3, 16, 17}  # classes of arrays that contain arrays
-MOST_ELEMENTS = 1_000_000
-
-
-def _check_elements(data: bytes) -> None:
-    """Check the elements of a MAT file of version 5 before scipy reads it.
-
-    Scipy crashes at a data type that does not exist, also in an array that is not wanted, and it
-    reads an element over the end of its array. Sizes inside compressed data may be wrong. The data
-    are therefore unpacked in parts and counted.
-    """
-    if len(data) < 128 or data[124:128] not in (b"\x00\x01IM", b"\x01\x00MI"):
-        return
-    order = "<" if data[126:128] == b"IM" else ">"
-    counted = itertools.count(1)
-    at, total = 128, 0
-    while at + 8 <= len(data):
-        kind, size = struct.unpack_from(order + "II", data, at)
-        at += 8
-        content = memoryview(data)[at : at + size]
-        if kind == _PACKED:
-            unpacker, rest, parts = zlib.decompressobj(), bytes(content), bytearray()
-            while rest and not unpacker.eof:
-                parts += unpacker.decompress(rest, 1 << 20)
-                rest = unpacker.unconsumed_tail
-                if total + len(parts) > 8 * MOST_NUMBERS + len(data):
-                    raise ValueError(f"unpacks to more than {total} bytes; {limit_text()}")
-            total += len(parts)
-            if len(parts) < 8:
-                raise ValueError(f"the variable at byte {at} is damaged")
-            kind, inner = struct.unpack_from(order + "II", parts)
-            content = memoryview(parts)[8:]
-            if inner > len(content):
-                raise ValueError(f"the variable at byte {at} ends too early")
-            content = content[:inner]
-        if kind != _MATRIX:
-            raise ValueError(f"byte {at}: data type {kind}, expected an array (14)")
-        _check_array(content, order, counted, at)
-        at += size
-
-
-def _check_array(content: memoryview, order: str, counted: Iterator[int], place: int) -> None:
-    """Check the data types and sizes of the elements of an array."""
-    open_arrays = [content]
-    while open_arrays:
-        array = open_arrays.pop()
-        at, nested = 0, False
-        while at + 8 <= len(array):
-            if next(counted) > MOST_ELEMENTS:
-                raise ValueError(f"more than {MOST_ELEMENTS} elements, which is the limit")
-            kind, size = struct.unpack_from(order + "II", array, at)
-            begin = at + 8
-            if kind >> 16:  # a small element: size and type in four bytes
-                kind, size, begin = kind & 0xFFFF, kind >> 16, at + 4
-            small = begin == at + 4
-            if kind not in _MAT_PLAIN and not (kind == _MATRIX and nested and not small):
-                raise ValueError(
-                    f"variable at byte {place}: an element has data type {kind}, which does not "
-                    "exist there"
-                )
-            if begin + size > len(array) or (small and size > 4):
-                raise ValueError(f"variable at byte {place}: an element exceeds its array")
-            if at == 0 and size:
-                (flags,) = struct.unpack_from(order + "I", array, begin) if size >= 4 else (0,)
-                nested = flags & 0xFF in _NESTED
-            if kind == _MATRIX:
-                open_arrays.append(array[begin : begin + size])
-            at = at + 8 if small else begin + size + -size % 8
 
 
 # ---------------------------------------------------------------- NetCDF and HDF5
@@ -264,13 +197,18 @@ def _series(file: Hdf5File, *, groups: bool) -> Columns:
             columns.left_out[name] = "no numbers"
             continue
         table = groups and len(item.shape) == 2 and 1 < item.shape[1] < item.shape[0]
-        if not table and not columns.add(name, item.shape):
+        series = table or columns.add(name, item.shape)
+        size = math.prod(item.shape)
+        matrix = len(item.shape) == 2 and 1 < min(item.shape) <= MOST_COLUMNS
+        if not series and not (matrix and total + size <= MOST_NUMBERS):
             continue
-        total += math.prod(item.shape)
+        total += size
         if total > MOST_NUMBERS:
             raise DataError(f"more than {MOST_NUMBERS} numbers; {limit_text()}")
         values = np.array(item.read(), dtype=np.float64)
-        if table and add_block(columns, name, values):
+        if not series:
+            columns.matrices[name] = values
+        if not series or (table and add_block(columns, name, values)):
             continue
         values = values.ravel()
         for key in ("_FillValue", "missing_value"):
@@ -314,6 +252,8 @@ READERS: dict[str, Callable[[Path], Columns]] = {
     ".hdf5": _read_groups,
     ".parquet": read_frame,
     ".feather": read_frame,
+    ".json": read_json_table,
+    ".jsonl": read_json_table,
     ".mcap": read_messages,
     ".tdms": read_tdms,
 }

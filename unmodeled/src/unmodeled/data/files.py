@@ -47,6 +47,8 @@ from unmodeled.units import (
 from unmodeled.units.quantity import fault_text, validated
 
 MOST_RUNS = 1000  # of a file
+#: Smallest number of samples of a run that begins where the clock starts again.
+SHORTEST_RUN = 2
 
 
 @checked
@@ -109,13 +111,14 @@ def read(
 def _fitting(given: str | Path) -> list[Path]:
     """Files of a pattern or a folder; a file as it is."""
     path = Path(given)
-    if path.is_dir():
+    if path.is_dir():  # with other JSON files beside the measured ones
         there = path.iterdir()
     elif any(c in str(given) for c in "*?["):
         there = Path(path.anchor).glob(str(path.relative_to(path.anchor)))
     else:
         return [path]
-    files = sorted(p for p in there if p.suffix.lower() in MEASURED_FILES)
+    kinds = [k for k in MEASURED_FILES if not (path.is_dir() and k == ".json")]
+    files = sorted(p for p in there if p.suffix.lower() in kinds)
     if not files:
         raise DataError(
             f"{shortened(str(given))}: no measured file ({', '.join(MEASURED_FILES)}) fits; the "
@@ -203,8 +206,9 @@ def read_record(
         ``.csv``, ``.txt``, ``.tsv`` (comma, semicolon, tab or spaces; decimal point or comma; text
         above the header and lines with # are ignored; empty cells and nan are missing), also
         exports of Kinovea, Tracker and DeepLabCut, and of ROS bags; ``.mat``, ``.nc``, ``.h5``,
-        ``.parquet``, ``.feather`` (also of LeRobot), ``.mcap``, ``.xlsx``, ``.tdms``; texts of
-        instruments may end in ``.dat``, ``.asc``, ``.lvm``, ``.mot``, ``.sto`` or ``.tra``.
+        ``.parquet``, ``.feather`` (also of LeRobot), ``.json`` (records, or lists), ``.jsonl``,
+        ``.mcap``, ``.xlsx``, ``.tdms``; texts of instruments may end in ``.dat``, ``.asc``,
+        ``.lvm``, ``.mot``, ``.sto`` or ``.tra``.
     inputs, outputs
         Names of the signals if there is no TOML file; they are also the names of the columns. All
         inputs must exist, and at least one of the outputs: the others were not measured. Without
@@ -655,13 +659,21 @@ def _runs(
             (label if isinstance(label, str) else f"{label:g}", rows[number == label])
             for label in labels
         ]
-    if not again.size:
-        return [("1", rows)]
+    if not again.size or min(np.diff([0, *(again + 1), rows.size])) < SHORTEST_RUN:
+        return [("1", rows)]  # a shorter run is an error of the clock, which is told
     if again.size >= MOST_RUNS:
         faults.append(f"the clock starts {again.size + 1} times; the limit is {MOST_RUNS} runs")
         return []
     parts = np.split(rows, again + 1)
     return [(str(k), part) for k, part in enumerate(parts, 1)]
+
+
+def _is_unit_of(unit: str, wanted: str) -> bool:
+    try:
+        conversion_factor(unit, spelled_unit(wanted) or wanted)
+    except InvalidParameter:
+        return False
+    return True
 
 
 def conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | None:
@@ -672,6 +684,8 @@ def conversion(unit: str, si: str, model: str) -> tuple[float, float, str] | Non
     if not unit:
         return 0.0, 1.0, si or "1"
     wanted = si or model
+    if unit in ("C", "F") and wanted and not _is_unit_of(unit, wanted):
+        unit = f"deg{unit}"  # a temperature, not a charge or a capacitance
     if shows_gravity(unit, wanted):
         return 0.0, conversion_factor("gn", wanted), wanted
     if wanted and weight_hint(unit, wanted):  # a scale in g shows a force

@@ -15,7 +15,15 @@ from unmodeled.data.records import Array
 from unmodeled.data.series import MOST_NUMBERS, Columns, limit_text
 from unmodeled.data.tables import read_number
 from unmodeled.errors import DataError, shortened
-from unmodeled.files import LARGEST_TABLE, is_file, plain_text, read_input, read_json
+from unmodeled.files import (
+    LARGEST_JSON,
+    LARGEST_TABLE,
+    is_file,
+    plain_text,
+    read_input,
+    read_json,
+    read_text,
+)
 from unmodeled.units import split_column
 
 if TYPE_CHECKING:
@@ -169,6 +177,50 @@ def _features(path: Path) -> dict[str, list[str]]:
                     for k, v in named.items() if v}  # fmt: skip
             return {k: list(map(str, v)) for k, v in flat.items() if isinstance(v, list)}
     return {}
+
+
+# ---------------------------------------------------------------- JSON
+
+
+def read_json_table(path: Path) -> Columns:
+    """Columns of a JSON file: a list of records, or a list of values for each name.
+
+    Records in records have names such as ``arm.angle``. ``.jsonl`` has a record in each line.
+    """
+    import pandas as pd
+
+    content: Any
+    if path.suffix.lower() == ".jsonl":
+        lines = read_text(path, most=LARGEST_JSON).splitlines()
+        with reading(path, "JSON"):
+            content = [json.loads(line) for line in lines if line.strip()]
+    else:
+        content = read_json(path)
+    with reading(path, "JSON"):
+        if isinstance(content, dict):
+            lists = {k: v for k, v in content.items() if isinstance(v, list)}
+            content = next((v for v in lists.values() if v and isinstance(v[0], dict)), lists)
+        if isinstance(content, dict):
+            longest = max(map(len, content.values()), default=0)
+            table = {k: v for k, v in content.items() if len(v) == longest}
+        elif isinstance(content, list) and content and all(isinstance(r, dict) for r in content):
+            rows = [dict(_leaves(r)) for r in content]
+            names = dict.fromkeys(n for row in rows for n in row)
+            if len(names) * len(rows) > MOST_NUMBERS:
+                raise DataError(f"{path}: {len(rows)} records of {len(names)}; {limit_text()}")
+            table = {n: [row.get(n) for row in rows] for n in names}
+        else:
+            raise DataError(f"{path}: expected a list of records, or lists by name")
+        return columns_of_frame(pd.DataFrame(table))
+
+
+def _leaves(record: Mapping[str, Any], name: str = "") -> Iterator[tuple[str, Any]]:
+    """Values of a record and of the records in it, by name."""
+    for key, value in record.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{name}{key}.")
+        else:
+            yield f"{name}{key}", value
 
 
 # ---------------------------------------------------------------- MCAP

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date
@@ -60,6 +61,8 @@ class Columns:
     """Units as stated in the file; only columns with a unit are included."""
     left_out: dict[str, str] = field(default_factory=dict)
     """Other content of the file, and why it is not a series."""
+    matrices: dict[str, Array] = field(default_factory=dict)
+    """Arrays of two sides, which are series if one side is as long as the clock."""
     headings: dict[str, str] = field(default_factory=dict)
     """Complete heading by name, if it contains more than the name."""
     source: str = ""
@@ -203,6 +206,10 @@ class Columns:
         if len(words) > np.sum(np.isfinite(values)):
             texts = [words.get(i, "") for i in range(len(values))]
             seconds = seconds_of_day(texts)
+            if seconds is None and (lists := _lists(texts)) is not None:
+                for j, part in enumerate(lists.T):
+                    self.add_cells(f"{name}.{j}", part, {}, unit)
+                return True
             if seconds is None:
                 self.texts[name] = texts
                 first = next(iter(words.values()))
@@ -278,12 +285,16 @@ def columns_of(path: Path, table: Table, names: Sequence[tuple[str, str]]) -> Co
     width = len(names)
     if table.lines < 2:
         raise DataError(f"{path}: {table.lines} rows of numbers, expected at least 2")
-    if _doubled(n for n, _ in names):
-        every = shortened(", ".join(n for n, _ in names), 600)
-        raise DataError(f"{path}: line {table.line}: a column is named twice ({every})")
     if table.lines * width > MOST_NUMBERS:
         raise DataError(f"{path}: {table.lines} rows of {width}; {limit_text()}")
     columns = Columns(decimal=table.decimal, left_out=dict.fromkeys(table.without, "no cells"))
+    counts = Counter(n for n, _ in names if n)
+    doubled = {n: f"{c} columns in line {table.line}" for n, c in counts.items() if c > 1}
+    columns.left_out |= doubled
+    if doubled:
+        told = shortened(", ".join(doubled), 200)
+        columns.notes.append(f"{told}: several columns have this name and are left out")
+    names = [("", "") if name in doubled else (name, unit) for name, unit in names]
     values, words = _cells(table, names, columns)
     if len(values) < 2:  # a quoted cell may contain the other lines
         raise DataError(f"{path}: {len(values)} rows of numbers, expected at least 2")
@@ -348,25 +359,33 @@ def seconds_of_day(texts: Sequence[str]) -> Array | None:
     timed = {m["h"] is not None for m in matches}
     if not matches or len(matches) < len(texts) or len(timed) > 1:
         return None
-    seconds = np.zeros(len(matches))
+    # Whole nanoseconds: those of all days since the year 0 have 63 bits, a float has 53.
+    passed = np.zeros(len(matches), dtype=np.int64)
     if True in timed:
-        seconds[:] = [
-            3600.0 * (int(m["h"]) % 12 + 12 * (m["half"] in "Pp") if m["half"] else int(m["h"]))
-            + 60.0 * int(m["m"])
-            + float(m["s"].replace(",", "."))
-            for m in matches
-        ]
+        passed[:] = [_nanoseconds(m) for m in matches]
     days = _days([(m["a"], m["sign"], m["b"], m["c"]) for m in matches])
     if days is not None:
-        seconds += 86400.0 * days
+        passed += _DAY * (days - days[0])
     elif True in timed:
-        seconds[1:] += 86400.0 * np.cumsum(np.diff(seconds) < -43200.0)
+        passed[1:] += _DAY * np.cumsum(np.diff(passed) < -_DAY // 2)
     else:
         return None
-    return np.asarray(np.round(seconds - seconds[0], 9))
+    return np.asarray((passed - passed[0]) / 1e9)
 
 
-def _days(dates: Sequence[tuple[str | None, ...]]) -> Array | None:
+_DAY = 86_400_000_000_000  # ns
+
+
+def _nanoseconds(moment: re.Match[str]) -> int:
+    """Time of day [ns]."""
+    hour = int(moment["h"])
+    if moment["half"]:
+        hour = hour % 12 + 12 * (moment["half"] in "Pp")
+    whole, _, rest = moment["s"].replace(",", ".").partition(".")
+    return (3600 * hour + 60 * int(moment["m"]) + int(whole)) * 10**9 + int(f"{rest:0<9}"[:9])
+
+
+def _days(dates: Sequence[tuple[str | None, ...]]) -> NDArray[np.int64] | None:
     """Number of the day of each date; None: there are none, or day and month may be exchanged."""
     parts = {(a, sign, b, c) for a, sign, b, c in dates}
     first, signs, second, _ = zip(*parts, strict=True)
@@ -387,9 +406,25 @@ def _days(dates: Sequence[tuple[str | None, ...]]) -> Array | None:
             number[a, sign, b, c] = date(y + 2000 * (y < 100), m, d).toordinal()
         except ValueError:
             return None
-    return np.array([number[p] for p in dates], dtype=np.float64)
+    return np.array([number[p] for p in dates], dtype=np.int64)
 
 
-def _doubled(names: Iterable[str]) -> bool:
-    named = [n for n in names if n]
-    return len(set(named)) < len(named)
+#: A list of numbers in one cell: ``[0.1, 0.2]``, ``(1; 2)``, ``[0.1 0.2]``.
+_LIST = re.compile(r"[\[(]([^\[\]()]*)[\])]")
+#: Largest number of numbers in such a list.
+LONGEST_LIST = 256
+
+
+def _lists(texts: Sequence[str]) -> Array | None:
+    """Numbers of cells that all hold a list of one length, (n, k); None: they do not."""
+    rows: list[list[float | None]] = []
+    for text in texts:
+        match = _LIST.fullmatch(text.strip())
+        cells = re.split(r"\s*[,;]\s*|\s+", match[1].strip()) if match else []
+        numbers = [read_number(c) for c in cells]
+        if not 1 <= len(numbers) <= LONGEST_LIST or len(numbers) != len(rows[0] if rows else cells):
+            return None
+        if any(n is None for n in numbers):
+            return None
+        rows.append(numbers)
+    return np.array(rows, dtype=np.float64)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from unmodeled.errors import DataError
 from unmodeled.units import spelled_unit, split_column
 
-MISSING = ("", "nan", "NaN", "NA", "N/A", "n/a", "-", "--")
+MISSING = ("", "nan", "NaN", "NA", "N/A", "n/a", "-", "--", ".")
 #: Pairs of separator and decimal sign; of equally good pairs, the first is used. None: white space.
 _STYLES: tuple[tuple[str | None, str], ...] = (
     (",", "."),

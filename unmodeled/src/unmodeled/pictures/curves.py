@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -74,6 +74,8 @@ class Motion:
     channel: str
     unit: str
     held_out: bool
+    motion: float
+    """Rms of the channel about its mean in all records [unit]."""
     time: Array
     """[s]"""
     measured: Array
@@ -82,6 +84,31 @@ class Motion:
     """The model as it is; NaN: its simulation fails."""
     changed: Array
     """The model with the changes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Alternative:
+    """The model with some of the changes, at their sizes: not fitted again."""
+
+    kept: tuple[bool, ...]
+    """Whether each change is in it."""
+    left: Mapping[str, float]
+    """Rms residual by channel [its unit]; NaN: the simulation fails."""
+    curves: tuple[Array, ...]
+    """The model at the times of the chosen part and of each motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class Motions:
+    """The motions of all records, and how they are with some of the changes."""
+
+    chosen: Motion
+    """The part of a record in which the changes take away most."""
+    whole: tuple[Motion, ...]
+    """Records by channel."""
+    changes: tuple[str, ...] = ()
+    """Names of the changes that may be left out."""
+    alternatives: tuple[Alternative, ...] = ()
 
 
 def thinned(curves: Sequence[Array], points: int = POINTS) -> NDArray[np.intp]:

@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from unmodeled.data import Array
-from unmodeled.pictures.curves import Motion, thinned
+from unmodeled.pictures.curves import POINTS, Alternative, Motion, Motions, thinned
 from unmodeled.search.evidence import Fitted
-from unmodeled.search.linear import EvaluationRequest, Linear, evaluate, local_of
-from unmodeled.search.problem import Problem
+from unmodeled.search.linear import EvaluationRequest, Linear, Point, evaluate, local_of
+from unmodeled.search.problem import Observed, Problem, rms_of
+from unmodeled.search.result import Change
+from unmodeled.search.score import index_of
 
 #: Largest number of motions; periods that the chosen part shows, and its smallest number of
 #: samples.
 MOTIONS, PERIODS, SHORTEST = 24, 4, 40
+#: Number of changes up to which all their subsets are simulated; else each one is left out.
+SUBSETS = 4
+#: Largest number of values of all curves, and smallest number of points of a curve.
+VALUES, FEWEST = 200_000, 100
+#: Square of a residual, in the motion of its channel, above which it counts no more.
+FAR = 4.0
 
 
-def motions(
-    problem: Problem, alone: Fitted, best: Fitted, held_out: Collection[str] = ()
-) -> tuple[Motion, ...]:
-    """The part of a record in which the changes take away most, then all records by channel.
+def motions_of(
+    problem: Problem,
+    alone: Fitted,
+    best: Fitted,
+    changes: Sequence[Change] = (),
+    held_out: Collection[str] = (),
+) -> Motions | None:
+    """The part of a record in which the changes take away most, and all records by channel.
+
+    None: no record shows a channel.
 
     Parameters
     ----------
@@ -29,89 +45,149 @@ def motions(
         The problem.
     alone, best
         Fits of the model alone and of the set of the answer.
+    changes
+        Changes that may be left out.
     held_out
         Names of records that were not fitted.
     """
-    whole = list(_whole(problem, tabulated_at(problem, alone), best, held_out))
-    if not whole:
-        return ()
-    scale = dict(zip(problem.names, np.maximum(problem.motion, problem.noise), strict=True))
-    best_gain, first = -np.inf, whole[0]
-    for m in whole:
-        gain, part = _part(m, float(scale[m.channel]))
-        if gain > best_gain:
-            best_gain, first = gain, part
-    return tuple(_thin(m) for m in (first, *whole[:MOTIONS]))
+    with np.errstate(all="ignore"):
+        whole = list(_whole(problem, _tabulated(problem, alone), best, held_out))[:MOTIONS]
+        if not whole:
+            return None
+        parts = [_part(m) for _, _, m in whole]
+        place = max(range(len(whole)), key=lambda k: parts[k][0])
+        cuts = [(*whole[place], parts[place][1]), *((*w, slice(None)) for w in whole)]
+        names, asked = _asked(problem, best, changes)
+        few = VALUES // (len(cuts) * (len(asked) + 3))
+        shown = [_thin(m, part, min(max(few, FEWEST), POINTS)) for _, _, m, part in cuts]
+        found = []
+        points = [point for _, point in asked]
+        for (kept, _), linears in zip(asked, _at(problem, best, points), strict=True):
+            left = rms_of(problem.fit, (x.residual for x in linears))
+            curves = [
+                _model(problem.fit[r], linears[r], c)[part][keep]
+                for (r, c, _, part), (_, keep) in zip(cuts, shown, strict=True)
+            ]
+            left_by = {n: float(v) for n, v in zip(problem.names, left, strict=True)}
+            found.append(Alternative(kept, left_by, tuple(curves)))
+    chosen, *rest = (m for m, _ in shown)
+    return Motions(chosen, tuple(rest), names, tuple(found))
 
 
-def tabulated_at(problem: Problem, alone: Fitted) -> Sequence[Linear]:
+def _tabulated(problem: Problem, alone: Fitted) -> Sequence[Linear]:
     """Residuals of the model as it is; starts that are not known are those of the fit."""
     local = tuple(
         np.array([v if q.weight < 1e-4 else 0.0 for q, v in zip(o.local, values, strict=True)])
         for o, values in zip(problem.fit, alone.point.local, strict=True)
     )
     point = replace(alone.point, x=np.zeros_like(alone.point.x), local=local)
-    ask = EvaluationRequest((), point, problem.fit, derivatives=False)
-    assert all(
-        len(local_of(problem, (), o)) == len(v) for o, v in zip(problem.fit, local, strict=True)
-    )
-    return evaluate(problem, [ask])[0]
+    return evaluate(problem, [EvaluationRequest((), point, problem.fit, derivatives=False)])[0]
+
+
+def _at(problem: Problem, best: Fitted, points: Sequence[Point]) -> list[list[Linear]]:
+    asks = [EvaluationRequest(best.members, p, problem.fit, derivatives=False) for p in points]
+    return evaluate(problem, asks) if asks else []
+
+
+def _model(o: Observed, linear: Linear, c: int) -> Array:
+    """A channel of the model where it was measured; between, it is interpolated."""
+    at = np.flatnonzero(o.valid[: o.end, c])
+    values = (o.measured[:, c] - linear.residual[:, c] * o.sd[:, c])[at]
+    return np.interp(np.arange(o.end), at, values)
 
 
 def _whole(
     problem: Problem, before: Sequence[Linear], best: Fitted, held_out: Collection[str]
-) -> list[Motion]:
-    out = []
-    for o, a, b in zip(problem.fit, before, best.linears, strict=True):
+) -> Iterator[tuple[int, int, Motion]]:
+    """Record, channel, and motion."""
+    for r, o in enumerate(problem.fit):
         own = slice(o.end)
         for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True)):
-            valid = o.valid[own, c]
-            if valid.sum() < 2:
+            if o.valid[own, c].sum() < 2:
                 continue
-            time, at = o.record.time[own], np.flatnonzero(valid)
-            measured = np.where(valid, o.measured[own, c], np.nan)
-            # The model is known where something was measured; between, it is interpolated.
-            model = [
-                np.interp(
-                    np.arange(len(time)), at, (measured - x.residual[own, c] * o.sd[own, c])[at]
-                )
-                for x in (a, b)
-            ]
-            held = o.record.name in held_out
-            out.append(Motion(o.record.name, name, unit, held, time, measured, *model))
-    return out
+            measured = np.where(o.valid[own, c], o.measured[own, c], np.nan)
+            model = [_model(o, x[r], c) for x in (before, best.linears)]
+            held, moves = o.record.name in held_out, float(problem.motion[c])
+            time = o.record.time[own]
+            yield r, c, Motion(o.record.name, name, unit, held, moves, time, measured, *model)
 
 
-def _part(m: Motion, scale: float) -> tuple[float, Motion]:
-    """The part with the largest mean gain by the changes, in squares of a scale, and this gain.
+def _part(m: Motion) -> tuple[float, slice]:
+    """The largest mean gain by the changes in a part as long as some periods, and this part.
 
-    It is as long as some periods of the motion.
+    The gain is that of the squared residual, in squares of the motion of the channel.
     """
-    before, after = ((m.measured - x) / scale for x in (m.tabulated, m.changed))
-    gain = np.nan_to_num(np.minimum(before**2, 4.0) - np.minimum(after**2, 4.0))
-    n, known = len(gain), m.measured[np.isfinite(m.measured)]
-    about = known - known.mean()
-    quiet = 0.3 * float(np.std(about))
-    turns = about[np.abs(about) > quiet]
-    periods = 0.5 * float((np.diff(np.sign(turns)) != 0.0).sum())
+    scale = m.motion or 1.0
+    before, after = (
+        np.minimum(np.nan_to_num((m.measured - x) / scale, nan=FAR) ** 2, FAR)
+        for x in (m.tabulated, m.changed)
+    )
+    gain = np.where(np.isfinite(m.measured), before - after, 0.0)
+    about = m.measured[np.isfinite(m.measured)]
+    about = about - about.mean()
+    turns = np.sign(about[np.abs(about) > 0.3 * float(np.std(about))])
+    periods = 0.5 * float((np.diff(turns) != 0.0).sum())
+    n = len(gain)
     width = int(np.clip(n * PERIODS / max(periods, 1.0), min(SHORTEST, n), n))
     sums = np.convolve(gain, np.ones(width), "valid")
     at = int(np.argmax(sums))
-    return float(sums[at]) / width, _cut(m, slice(at, at + width))
+    return float(sums[at]) / width, slice(at, at + width)
 
 
-def _cut(m: Motion, part: slice) -> Motion:
-    curves: list[Array] = [m.time, m.measured, m.tabulated, m.changed]
-    time, measured, tabulated, changed = (v[part] for v in curves)
-    return replace(m, time=time, measured=measured, tabulated=tabulated, changed=changed)
+def _thin(m: Motion, part: slice, points: int) -> tuple[Motion, NDArray[np.intp]]:
+    """A part of a motion with few points, and their indices in the part."""
+    curves = [v[part] for v in (m.measured, m.tabulated, m.changed)]
+    keep = thinned(curves, points)
+    measured, tabulated, changed = (v[keep] for v in curves)
+    time = m.time[part][keep]
+    return replace(m, time=time, measured=measured, tabulated=tabulated, changed=changed), keep
 
 
-def _thin(m: Motion) -> Motion:
-    keep = thinned([m.measured, m.tabulated, m.changed])
-    return replace(
-        m,
-        time=m.time[keep],
-        measured=m.measured[keep],
-        tabulated=m.tabulated[keep],
-        changed=m.changed[keep],
+def _asked(
+    problem: Problem, best: Fitted, changes: Sequence[Change]
+) -> tuple[tuple[str, ...], list[tuple[tuple[bool, ...], Point]]]:
+    """Names of the changes that a set has, and points of the set with some of them."""
+    own = [(c.name, out) for c in changes if (out := _without(problem, best, c.name)) is not None]
+    count = len(own)
+    every = [(True,) * count]
+    kept = (
+        list(itertools.product((True, False), repeat=count))
+        if count <= SUBSETS
+        else every + [tuple(k != out for k in range(count)) for out in range(count)]
     )
+    asked = []
+    for mask in kept if count else []:
+        point = best.point
+        for (_, (unknowns, local)), stays in zip(own, mask, strict=True):
+            if not stays:
+                x = point.x.copy()
+                x[unknowns] = 0.0
+                values = tuple(
+                    np.where(where, 0.0, v) for where, v in zip(local, point.local, strict=True)
+                )
+                point = Point(x, values)
+        asked.append((mask, point))
+    return tuple(n for n, _ in own), asked
+
+
+def _without(
+    problem: Problem, best: Fitted, name: str
+) -> tuple[list[int], list[NDArray[np.bool_]]] | None:
+    """The unknowns of a set, and of each record, that a change moves; None: there are none."""
+    nothing = [np.zeros(len(v), dtype=bool) for v in best.point.local]
+    index = next((i for i in best.causes if problem.causes[i].name == name), None)
+    if index is None:
+        free = [problem.model.parameters[i].name for i in problem.free]
+        alias = next((c.parameter for c in problem.causes if c.name == name), None)
+        if name in free:
+            return [free.index(name)], nothing
+        return None if alias is None else ([problem.free.index(alias)], nothing)
+    local = problem.causes[index].local
+    if local is None:
+        return [index_of(problem, best.members, index)], nothing
+    of = [
+        np.array([(q.kind, q.index) == (local.kind, local.index)
+                  for q in local_of(problem, best.members, o)], dtype=bool)
+        for o in problem.fit
+    ]  # fmt: skip
+    return [], of

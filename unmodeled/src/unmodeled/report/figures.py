@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unmodeled.data import Array, Record
-from unmodeled.pictures.curves import Law, Motion
+from unmodeled.pictures.curves import Law, Motion, Motions
 from unmodeled.search.held_out import HALF
 from unmodeled.search.result import Result
 from unmodeled.style import (
@@ -174,15 +174,15 @@ def waterfall(result: Result) -> Figure:
     return figure
 
 
-def motion(motions: Sequence[Motion]) -> Figure:
+def motion(motions: Motions) -> Figure:
     """Measured, the model as it is, and with the changes: the clearest part, then all records.
 
     Parameters
     ----------
     motions
-        The chosen part, then the records by channel.
+        The chosen part, and the records by channel.
     """
-    first, rest = motions[0], motions[1 : 1 + PANELS]
+    first, rest = motions.chosen, motions.whole[:PANELS]
     across = min(ACROSS, len(rest)) or 1
     rows = -(-len(rest) // across)
     figure = new_figure(WIDTH, 3.0 + 1.3 * rows)

@@ -2,7 +2,7 @@
 
 A value in a file is a number (in the SI unit of its field), a text ``"10.5 mm"``, or a table
 ``{ value = 10.5, unit = "mm", source = "..." }``. Composite units are written with spaces or ``*``
-for products, ``/`` for one quotient and ``^`` for powers: ``"kg mm^2"``, ``"N m/rad"``,
+for products, ``/`` for quotients and ``^`` for powers: ``"kg mm^2"``, ``"N m/rad"``,
 ``"N/m^2.3"``. The caret is optional: ``"mm2"``, ``"m/s2"``, ``"mm²"``.
 """
 
@@ -66,6 +66,7 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     "N m": {**_prefixed("J", "mkM"), "Wh": 3600.0, "kWh": 3.6e6},
     "J/s": _prefixed("W"),
     "A": _prefixed("A"),
+    "A s": {"C": 1.0, "Ah": 3600.0, "mAh": 3.6},
     "W/A": _prefixed("V"),
     "V/A": _prefixed("ohm"),
     "V s/A": _prefixed("H", "munµ"),
@@ -74,7 +75,7 @@ _UNITS_OF: dict[str, dict[str, float]] = {
     # Differences of temperature; the zeros are in TEMPERATURE_SCALES.
     "K": {"mK": 1e-3, "degC": 1.0, "degF": 1.0 / 1.8},
     "mol": _prefixed("mol", "kmuµ"),
-    "1": {"%": 1e-2},
+    "1": {"%": 1e-2, "ppm": 1e-6},
 }
 
 #: Unit of a reading, and unit of a scale -> zero of the scale as a reading, and factor: on the
@@ -110,9 +111,8 @@ def _tokens(unit: str) -> Iterator[tuple[str, float]]:
     if text in ("", "-"):
         text = "1"
     parts = text.split("/")
-    if len(parts) > 2:
-        raise ValueError("more than one '/'")
-    for sign, part in zip((1.0, -1.0), parts, strict=False):
+    for number, part in enumerate(parts):  # rad/s/V is rad/(s V)
+        sign = -1.0 if number else 1.0
         if sign < 0.0 and part.strip().startswith("(") and part.strip().endswith(")"):
             part = part.strip()[1:-1]  # J/(kg K) is J/kg K
         for token in part.replace("*", " ").replace("·", " ").split():

@@ -138,7 +138,7 @@ def split_column(heading: str) -> tuple[str, str]:
         known = spelled_unit(unit)
         # "Force (L)" is a force at the left and "Force (A)" one of sensor A, but "Time (h)" is in
         # hours and "I (A)" in amperes.
-        letter = unit in ("L", "l", "h") or (unit in ("A", "T") and _measured(name))
+        letter = unit in ("L", "l", "h", "C") or (unit in ("A", "T") and _measured(name))
         if letter and not (known and _fits(name, known)):
             known = None
         return (name, known) if name and known else (text, "")
