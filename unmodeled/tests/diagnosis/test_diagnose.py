@@ -359,7 +359,7 @@ REASONS = {
         ({"hardening": 3000.0}, {"hardening": 1000.0}, HARD), 3, {},
     ),
     # At rest, a force remains that no model has: the mean predicts better.
-    Reason.NOT_NEEDED: ((HARD, HARD, {"preload": 0.6}), 0, {}),
+    Reason.WORSE_THAN_MEAN: ((HARD, HARD, {"preload": 0.6}), 0, {}),
     # At rest, nothing is to be predicted.
     Reason.NO_HELD_OUT_GAIN: ((HARD, HARD, {}), 0, {}),
     Reason.NOT_PREDICTED: ((HARD, HARD, HARD), 3, {"progress": _stopped("held_out")}),
@@ -386,8 +386,9 @@ def test_each_reason_is_reached_by_a_diagnosis(spring, causes, reason):
     assert reason in result.reasons
     if reason is Reason.NO_HELD_OUT_GAIN:  # a record at rest does not refuse the right cause
         assert [n.cause for n in result.named] == ["hardening"]
-    if reason is Reason.NOT_NEEDED:
-        assert result.not_needed == ("hardening",)
+    if reason is Reason.WORSE_THAN_MEAN:
+        assert not result.reported
+        assert result.finding("hardening").left
         assert Reason.DIFFERS_BETWEEN_RECORDS not in result.reasons
 
 

@@ -320,27 +320,21 @@ def _equivalents(
 
 
 def _without(answer: Answer) -> list[Without]:
-    """What is left without each member of the set, all other unknowns fitted again."""
+    """What is left without each member of the set, all other unknowns fitted again.
+
+    A parameter that is a member, or an equivalent of one, has its tabulated value.
+    """
     problem, after = answer.problem, tuple(map(float, _rms(answer.problem, answer.best)))
     out = []
     for i, rest in answer.smaller.items():
         before = (math.inf,) * len(after)
-        if rest is not None:
+        group = [problem.causes[k] for k in (i, *answer.groups.get(i, ()))]
+        own = [problem.free.index(c.parameter) for c in group if c.parameter is not None]
+        if rest is not None and own:
+            (before,) = _with_tabulated(problem, rest, posterior(problem, rest, "drawn"), [own])
+        elif rest is not None:
             before = tuple(map(float, _rms(problem, rest)))
-        names = [problem.causes[k].name for k in (i, *answer.groups.get(i, ()))]
-        out += [Without(name, before, after) for name in names]
-    return out
-
-
-def _left(answer: Answer, points: Sequence[Point]) -> list[tuple[float, ...]]:
-    """Residual by channel of the set at other points [its unit]; infinite: a simulation fails."""
-    problem, members = answer.problem, answer.best.members
-    asked = [EvaluationRequest(members, p, problem.fit, derivatives=False) for p in points]
-    out = []
-    for linears in evaluate(problem, asked) if asked else []:
-        with np.errstate(all="ignore"):
-            rms = rms_of(problem.fit, (v.residual for v in linears))
-        out.append(tuple(float(v) if math.isfinite(v) else math.inf for v in rms))
+        out += [Without(c.name, before, after) for c in group]
     return out
 
 
@@ -360,9 +354,10 @@ def _changed(
         values.append((_product(answer.problem, together),))
         lost.append(list(together.parameters))
     after = tuple(map(float, _rms(answer.problem, answer.best)))
+    left = _with_tabulated(answer.problem, answer.best, own, lost)
     without = [
         Without(p.name, before, after)
-        for alike, before in zip(values, _without_parameters(answer, lost), strict=True)
+        for alike, before in zip(values, left, strict=True)
         for p in alike
     ]
     return tuple(values), without
@@ -389,21 +384,31 @@ def _product(problem: Problem, found: Combination) -> ParameterValue:
     )  # fmt: skip
 
 
-def _without_parameters(
-    answer: Answer, changed: Sequence[Sequence[int]]
+def _with_tabulated(
+    problem: Problem, fitted: Fitted, own: Posterior, changed: Sequence[Sequence[int]]
 ) -> list[tuple[float, ...]]:
-    """Residual by channel if parameters have their tabulated values, the others to first order."""
-    problem, best = answer.problem, answer.best
-    covariance = answer.posterior.configurations[0].covariance
+    """Residual by channel if some parameters have their tabulated values, for each such group.
+
+    The other unknowns follow to first order, but not the parameters that keep their values.
+    Infinite: a simulation fails.
+    """
+    inverse = np.linalg.inv(own.configurations[0].covariance)
     low, high = problem.parameter_bounds
-    points = []
+    asked = []
     for at in changed:
-        inner = covariance[np.ix_(at, at)]
-        x = best.point.x - covariance[:, at] @ np.linalg.solve(inner, best.point.x[at])
+        x = fitted.point.x.copy()
+        rest = [j for j in range(x.size) if j not in problem.narrow and j not in at]
+        x[rest] += np.linalg.solve(inverse[np.ix_(rest, rest)], inverse[np.ix_(rest, at)] @ x[at])
         x[: low.size] = np.clip(x[: low.size], low, high)
         x[at] = 0.0
-        points.append(Point(x, best.point.local))
-    return _left(answer, points)
+        point = Point(x, fitted.point.local)
+        asked.append(EvaluationRequest(fitted.members, point, problem.fit, derivatives=False))
+    out = []
+    for linears in evaluate(problem, asked) if asked else []:
+        with np.errstate(all="ignore"):
+            rms = rms_of(problem.fit, (v.residual for v in linears))
+        out.append(tuple(float(v) if math.isfinite(v) else math.inf for v in rms))
+    return out
 
 
 def _places(
