@@ -15,10 +15,11 @@ from unmodeled.search.result import plain
 
 from .conftest import spring_record
 
-OUTSIDE = Finding("wear", fitted=True)
+OUTSIDE = Finding("wear", fitted=True, evidence=-5.0)
 MEMBER = Finding(
-    "wear", member=True, fitted=True, probability=0.99, least_probability=0.95, takes=5.0
-)
+    "wear", member=True, fitted=True, probability=0.99, least_probability=0.95, takes=5.0,
+    evidence=9.0,
+)  # fmt: skip
 UNLIKELY = replace(MEMBER, probability=0.5, least_probability=0.4)
 #: Each code: a candidate for which it decides, its mark, and the code that it has without the rule.
 CASES = {
@@ -77,6 +78,8 @@ def test_each_rule_decides_for_a_candidate(code, monkeypatch):
         (replace(MEMBER, member=False, left=True, predicts=True), None),
         # A search that was cut names nothing.
         (replace(MEMBER, complete=False, equivalents=("tear",), predicts=True), Mark.UNSURE),
+        # Nor does one that has not fitted the set without it.
+        (replace(MEMBER, evidence=float("nan"), predicts=True), Mark.UNSURE),
         # Held-out records that need it outweigh an interval with zero, and an effect that is small
         # beside a rest that is not noise.
         (replace(MEMBER, excludes_zero=False, predicts=True), Mark.NAMED),

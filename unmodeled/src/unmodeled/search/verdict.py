@@ -348,7 +348,7 @@ def _changed(
     groups = [[k] for k in dict.fromkeys([*apart, *told])]
     groups += [g for g in classes if not {*g} & {*apart, *told}]
     values = [tuple(_parameter(answer, k, (k,) if len(g) > 1 else ()) for k in g) for g in groups]
-    lost = [[g[0]] for g in groups]
+    lost = [*groups]
     together = combination(own, _relative(answer.problem), {k for g in groups for k in g})
     if together is not None:
         values.append((_product(answer.problem, together),))
