@@ -11,6 +11,7 @@ from unmodeled import Coordinate, Equations, Parameter, Record, Sensor, StartPri
 from unmodeled.diagnosis import diagnose, fit_model
 from unmodeled.errors import Error
 from unmodeled.fit.authoring import Jobs
+from unmodeled.search.held_out import Ratio
 from unmodeled.search.options import Options
 from unmodeled.search.progress import Stop
 from unmodeled.search.result import Reason, Verdict
@@ -395,7 +396,8 @@ def test_each_reason_is_reached_by_a_diagnosis(spring, causes, reason):
 def test_a_prediction_that_is_not_better_is_told_even_if_chance_may_do_it(
     spring, causes, monkeypatch
 ):
-    monkeypatch.setattr("unmodeled.search.verdict.compare", lambda *_: (0.1, -0.1, 0.3))
+    ratio = Ratio(0.1, -0.1, 0.3)
+    monkeypatch.setattr("unmodeled.search.verdict.compare", lambda *_: ratio)
     result = diagnose(spring, causes, _records(HARD, HARD, HARD))
     assert [n.cause for n in result.named] == ["hardening"]
     assert Reason.NO_HELD_OUT_GAIN in result.reasons

@@ -19,7 +19,7 @@ from unmodeled.search.evidence import Fitted, best_of, log_odds
 from unmodeled.search.held_out import Predicted, Ratio, compare, predict
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Problem, spread
-from unmodeled.search.progress import Stop
+from unmodeled.search.progress import Stop, interrupted
 from unmodeled.search.score import by_record, index_of
 from unmodeled.search.search import Searched, linked, rank, with_all_records, without_one
 
@@ -291,6 +291,11 @@ def _best_so_far(out: Chosen, options: Options) -> None:
         evidence = math.nan if rest is None else log_odds(out.problem, out.best, rest)
         differs = differences(out.problem, out.best, i, options)
         out.needs[i] = Need(evidence, None, differs=differs)
+    if out.searched.problem.held_out and not interrupted(out.everything.ended_by):
+        lost = {(), out.best.causes} - out.predicted.keys()
+        sets = [s for k, s in out.searched.sets.items() if k in lost]
+        found = predict(out.searched.problem, sets)  # a few runs after the limit
+        out.predicted |= {s.causes: p for s, p in zip(sets, found, strict=True)}
 
 
 def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) -> float:
