@@ -151,7 +151,11 @@ def _statement(result: Result) -> str:
 
 def _told(result: Result) -> list[Change]:
     """The changes that the first sentence tells."""
-    return [c for c in result.changes if c.tier not in ("small", "unsure")]
+    return [
+        c
+        for c in result.changes
+        if c.tier not in ("small", "unsure") and (c.matters or c.tier != "fitted")
+    ]
 
 
 def _falls(result: Result, told: Sequence[Change], before: str, after: str) -> str:
@@ -175,7 +179,7 @@ def _falls(result: Result, told: Sequence[Change], before: str, after: str) -> s
 
 def _last(result: Result) -> str:
     """A sentence about what is small, and one about what is not sure."""
-    small = [c for c in result.changes if c.tier == "small" and c.kind != "parameter"]
+    small = [c for c in result.changes if c.tier == "small"]
     unsure = [c for c in result.changes if c.tier == "unsure"]
     text = ""
     if small:

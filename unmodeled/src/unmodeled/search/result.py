@@ -481,12 +481,12 @@ class Result:
                 first, *others = (self._change(p.as_cause(), "fitted", p) for p in alike)
                 if first.before < (1.0 + NO_GAIN) * first.after:
                     continue  # it is in the table of parameters
-                tier = "fitted" if first.matters else "small"
-                found.append(replace(first, tier=tier, equivalents=tuple(others)))
+                found.append(replace(first, equivalents=tuple(others)))
         order = {"supported": 1, "small": 3, "unsure": 4}
 
         def place(c: Change) -> tuple[int, float]:
-            within = 2 if c.tier == "fitted" and c.within is True else 0
+            within = (2 if c.within is True else 0) if c.matters else 3
+            within = within if c.tier == "fitted" else 0
             unknown = 0.0 if c.tier == "fitted" else math.inf
             rank = max(order.get(c.tier, 0), within)
             return rank, -float(np.nan_to_num(c.takes, nan=unknown))
