@@ -47,7 +47,7 @@ from unmodeled.search.result import (
     worst_of,
 )
 from unmodeled.search.score import by_record, index_of
-from unmodeled.search.search import Searched, linked, rank, start_from
+from unmodeled.search.search import Searched, linked, rank
 from unmodeled.search.tolerances import (
     Combination,
     Posterior,
@@ -76,8 +76,6 @@ class Answer:
     """The set."""
     posterior: Posterior
     """Of its global unknowns."""
-    smaller: dict[int, Fitted | None]
-    """The set without each member; None: it cannot be fitted."""
     sets: list[Fitted]
     """All sets, the most probable first."""
     weight: Array
@@ -157,28 +155,25 @@ def _answer(chosen: Chosen, options: Options, check: Callable[[], None]) -> Answ
     """The chosen set with the reading of the tolerances that the records prefer."""
     problem, best = chosen.problem, chosen.best
     sets, weight = rank(problem, list(chosen.everything.sets.values()))
-    smaller = {
-        i: chosen.everything.sets.get(tuple(k for k in best.causes if k != i)) for i in best.causes
-    }
     own = posterior(problem, best, options.tolerances)
     try:
-        refit = _kept(chosen, own, smaller, check)
+        refit = _kept(chosen, own, check)
     except (Stop, KeyboardInterrupt) as stop:
         chosen.searched.ended_by = chosen.searched.ended_by or stop
         refit = None
     if refit is not None:
-        problem, best, smaller = refit
+        problem, best = refit
         own = posterior(problem, best, options.tolerances)
     elif len(own.configurations[0].wide) < len(own.tested):
         own = posterior(problem, best, "drawn")
     groups = _equivalents(chosen, sets, weight, options.credibility)
-    return Answer(chosen, problem, best, own, smaller, sets, weight, groups)
+    return Answer(chosen, problem, best, own, sets, weight, groups)
 
 
 def _kept(
-    chosen: Chosen, own: Posterior, smaller: dict[int, Fitted | None], check: Callable[[], None]
-) -> tuple[Problem, Fitted, dict[int, Fitted | None]] | None:
-    """The set, and those without a member, with the parameters that keep their tabulated values.
+    chosen: Chosen, own: Posterior, check: Callable[[], None]
+) -> tuple[Problem, Fitted] | None:
+    """The set with the parameters that keep their tabulated values.
 
     None: all deviate by their tolerances, or a fit with these is less probable after all.
     """
@@ -190,21 +185,18 @@ def _kept(
     low, high = problem.parameter_bounds
     x = first.mean.copy()
     x[: low.size] = np.clip(x[: low.size], low, high)
-    starts = [Start(best.members, (Point(x, best.point.local), best.point))]
-    known = {i: s for i, s in smaller.items() if s is not None}
-    starts += [start_from(less, s.members, replace(best, point=starts[0].points[0]))
-               for s in known.values()]  # fmt: skip
-    fits = fit_sets(less, starts, check)
-    if fits[0] is None:
+    start = Start(best.members, (Point(x, best.point.local), best.point))
+    (fitted,) = fit_sets(less, [start], check)
+    if fitted is None:
         return None
     drawn = next((c for c in own.configurations if len(c.wide) == len(own.tested)), None)
     if drawn is not None:
-        weight = weights(problem, best, fits[0])
+        weight = weights(problem, best, fitted)
         prior = first.log_prior - drawn.log_prior
-        gain = log_evidence(less, fits[0], weight) - log_evidence(problem, best, weight)
+        gain = log_evidence(less, fitted, weight) - log_evidence(problem, best, weight)
         if gain + prior < 0.0:
             return None
-    return less, fits[0], {**smaller, **dict(zip(known, fits[1:], strict=True))}
+    return less, fitted
 
 
 # ---------------------------------------------------------------- findings
@@ -326,7 +318,8 @@ def _without(answer: Answer) -> list[Without]:
     """
     problem, after = answer.problem, tuple(map(float, _rms(answer.problem, answer.best)))
     out = []
-    for i, rest in answer.smaller.items():
+    for i in answer.best.causes:
+        rest = answer.chosen.everything.sets.get(tuple(k for k in answer.best.causes if k != i))
         before = (math.inf,) * len(after)
         group = [problem.causes[k] for k in (i, *answer.groups.get(i, ()))]
         own = [problem.free.index(c.parameter) for c in group if c.parameter is not None]
