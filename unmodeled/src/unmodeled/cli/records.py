@@ -112,7 +112,7 @@ def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
     """The model, if the first argument is not a measured file, and the files."""
     from unmodeled.data.columns import MEASURED_FILES
 
-    if Path(given[0]).suffix.lower() in MEASURED_FILES:
+    if Path(given[0]).suffix.lower() in MEASURED_FILES or Path(given[0]).is_dir():
         return None, [Path(g) for g in given]
     if len(given) == 1:
         raise InvalidParameter(
