@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from unmodeled.data import ReadOptions
-from unmodeled.data import robots as module
+from unmodeled.data import logs as module
 from unmodeled.data.files import read, read_each
 from unmodeled.data.mapping import Signals
 from unmodeled.data.robots import Joint, Log, Signal

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from unmodeled.arguments import checked
 from unmodeled.chain.scales import unwrapped
 from unmodeled.data.columns import MEASURED_FILES, read_columns
+from unmodeled.data.logs import logs_of
 from unmodeled.data.mapping import (
     Signals,
     clock_column,
@@ -29,7 +30,7 @@ from unmodeled.data.mapping import (
     with_headed_units,
 )
 from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
-from unmodeled.data.robots import log_of_columns, logs_of, records_of
+from unmodeled.data.robots import log_of_columns, records_of
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of

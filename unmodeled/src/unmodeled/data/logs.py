@@ -1,4 +1,4 @@
-"""Readers of logs of robots: data sets of LeRobot, SAGE, and BAM."""
+"""Readers of logs of robots: data sets of LeRobot, SAGE, BAM, and those of other packages."""
 
 from __future__ import annotations
 
@@ -6,21 +6,42 @@ import csv
 import io
 import json
 from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
+from unmodeled.data import bags
 from unmodeled.data.formats import read_frame
 from unmodeled.data.records import Array
 from unmodeled.data.robots import Log, Signal, with_units
 from unmodeled.errors import DataError
 from unmodeled.files import LARGEST_TABLE, is_file, read_input, read_json
 
+#: Group of the entry points of readers.
+GROUP = "unmodeled.readers"
 
-def read_logs(path: Path) -> Sequence[Log] | None:
-    """Runs of a data set of LeRobot, a folder of SAGE, or a file of BAM; None: it is none."""
-    for read in (_lerobot, _sage, _bam):
+
+class Reader(Protocol):
+    """What an entry point of the group ``unmodeled.readers`` names: a module with this function.
+
+    A package that has such an entry point adds a format of logs to ``unmodeled`` in one file.
+    """
+
+    def read_logs(self, path: Path) -> Sequence[Log] | None:
+        """Runs of a file or a folder; None: it is not of this format."""
+
+
+@cache
+def _installed() -> tuple[Reader, ...]:
+    return tuple(e.load() for e in entry_points(group=GROUP))
+
+
+def logs_of(path: Path) -> Sequence[Log] | None:
+    """Runs of a file or a folder that a reader knows; None: it is no log of a robot."""
+    for read in (*(r.read_logs for r in _installed()), _lerobot, _sage, _bam, bags.read_logs):
         if (found := read(path)) is not None:
             return found
     return None

@@ -10,10 +10,8 @@ import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 
@@ -22,8 +20,6 @@ from unmodeled.data.tables import plain_name
 from unmodeled.errors import DataError, shortened
 from unmodeled.units import zero_and_factor
 
-#: Group of the entry points of readers.
-GROUP = "unmodeled.readers"
 #: Units of logs that are a share of the range of a joint: 0 to 100, and -100 to 100.
 PERCENT, RANGE = "0 to 100", "-100 to 100"
 #: Joints that open and close, whose unit in LeRobot is 0 to 100.
@@ -67,16 +63,6 @@ class Log:
     notes: tuple[str, ...] = ()
 
 
-class Reader(Protocol):
-    """What an entry point of the group ``unmodeled.readers`` names: a module with this function.
-
-    A package that has such an entry point adds a format of logs to ``unmodeled`` in one file.
-    """
-
-    def read_logs(self, path: Path) -> Sequence[Log] | None:
-        """Runs of a file or a folder; None: it is not of this format."""
-
-
 @dataclass(frozen=True)
 class Joint:
     """A joint of a model with the actuator that drives it."""
@@ -107,26 +93,6 @@ class Assigned:
     """Samples in a second [Hz]."""
     guessed: str = ""
     """What was guessed, and the option that states otherwise."""
-
-
-@cache
-def _installed() -> tuple[Reader, ...]:
-    return tuple(e.load() for e in entry_points(group=GROUP))
-
-
-def readers() -> tuple[Reader, ...]:
-    """Readers of installed packages, then the own ones."""
-    from unmodeled.data import bags, logs
-
-    return (*_installed(), logs, bags)
-
-
-def logs_of(path: Path) -> Sequence[Log] | None:
-    """Runs of a file or a folder that a reader knows; None: no log of a robot."""
-    for reader in readers():
-        if (found := reader.read_logs(path)) is not None:
-            return found
-    return None
 
 
 # ------------------------------------------------------------------------- columns of any table
