@@ -22,6 +22,7 @@ from unmodeled.cli.options import (
     pairs,
 )
 from unmodeled.cli.screen import (
+    LateLine,
     check_targets,
     complain,
     pretty,
@@ -75,7 +76,9 @@ def check(
     from unmodeled import check
 
     loaded = load_named(name, settings, stated=stated)
-    comparison = check(loaded.model, loaded.read(data, reading))
+    records = loaded.read(data, reading)
+    with LateLine() as line:
+        comparison = check(loaded.model, records, progress=line)
     if as_json:
         rows = [{k: None if isinstance(v, float) and not isfinite(v) else v for k, v in r.items()}
                 for r in comparison.frame.to_dict("records")]  # fmt: skip

@@ -703,6 +703,10 @@ class Model(ABC):
         """
         return Ready(self, tuple(records))
 
+    def tabulated(self) -> Model:
+        """The model for a simulation with its tabulated numbers: :meth:`ready` sizes no effect."""
+        return self
+
     @property
     def text(self) -> str:
         """The unchanged file as :meth:`write` would write it; empty: a changed one is no text."""
