@@ -626,8 +626,8 @@ def test_a_check_simulates_each_record_once_and_the_first_one_twice(monkeypatch)
     assert found.rows[0].rms > 0.1
     assert told[1] == "simulates r0, record 1 of 4"
     before = len(runs)
-    assert model.ready(records).model.effects[0].scale != 1.0  # a diagnosis sizes them
-    assert len(runs) > before + 10
+    model.ready(records)
+    assert len(runs) > before + 10  # a diagnosis sizes the candidates
 
 
 def test_a_check_tells_what_it_does_not_try(monkeypatch):
