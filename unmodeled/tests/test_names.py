@@ -14,7 +14,7 @@ from unmodeled.loading import LoadedModel, load_model
 #: Names that only the shell has: files that are written or read, and how they are found.
 SHELL = {"out", "force", "json", "config", "set", "data", "report", "measured", "include", "model"}
 FUNCTIONS = (unmodeled.diagnose, unmodeled.check, unmodeled.Simulator, withhold, join_records, plan,
-             load_model, LoadedModel.read_proposed)  # fmt: skip
+             unmodeled.mujoco, load_model, LoadedModel.read_proposed)  # fmt: skip
 
 
 def test_options_have_the_names_of_arguments():

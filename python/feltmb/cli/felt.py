@@ -353,9 +353,10 @@ def _memory(loop: MeasuredLoop) -> str:
 def law_command(
     tests: tuple[Path, ...] = argument(FILE),
     law: str = option(
-        "power and van_wyk (of loading; van_wyk_3 with its exponent 3), maxwell (branches of the "
-        "hold under the largest load), stulov and rate (of cycles of several speeds).",
-        click.Choice(["power", "van_wyk", "van_wyk_3", "maxwell", "stulov", "rate"]),
+        "power, exponential (eq. 4.21) and van_wyk (of loading; van_wyk_3 with its exponent 3), "
+        "maxwell (branches of the hold under the largest load), stulov and rate (of cycles of "
+        "several speeds).",
+        click.Choice(["power", "exponential", "van_wyk", "van_wyk_3", "maxwell", "stulov", "rate"]),
         "power",
     ),
     zero: float | None = option(
@@ -373,8 +374,8 @@ def law_command(
 ) -> None:
     """Fit a law to TESTS. Several tests of loading are specimens of one law.
 
-    The columns are those of `felt contact`. A test of loading only is enough for power and van_wyk;
-    the loss stays open. maxwell, stulov and rate need a column of time.
+    The columns are those of `felt contact`. A test of loading only is enough for power,
+    exponential and van_wyk; the loss stays open. maxwell, stulov and rate need a column of time.
     """
     from feltmb.felt import fit_law, pool, read_specimen
     from feltmb.felt.laws import LOADING
@@ -392,7 +393,7 @@ def law_command(
     several = len(specimens) > 1
     if several and law not in LOADING:
         raise InvalidParameter(f"--law {law} is of one test, got {len(specimens)}")
-    if out is not None and (several or law.startswith("van_wyk")):
+    if out is not None and (several or law in LOADING[1:]):
         raise InvalidParameter(
             f"{out}: --law {law} of {len(specimens)} tests is no contact law; expected power, "
             "maxwell, stulov or rate of one test (felt contact makes a table of any loop)"

@@ -315,8 +315,8 @@ SENSOR = option(
     complete=packaged("sensors"),
 )
 CURVE = option(
-    "Points of the velocity curve, SPEED=VELOCITY, such as 0.3m/s=1,7m/s=127; default: 52 + 25 "
-    "log2(v), v in m/s.",
+    "Velocity curve: points SPEED=VELOCITY, such as 0.3m/s=1,7m/s=127, or a CSV file of measured "
+    "pairs with the columns speed [m/s] and velocity; default: 52 + 25 log2(v), v in m/s.",
     words="--curve",
     metavar="SPEED=VELOCITY",
 )
@@ -324,9 +324,12 @@ CURVE = option(
 
 def _curve(points: tuple[str, ...]) -> VelocityCurve:
     from feltmb.keyboard import VelocityCurve
+    from feltmb.keyboard.velocity import read_curve
 
     if not points:
         return VelocityCurve()
+    if len(points) == 1 and "=" not in points[0]:
+        return read_curve(points[0])
     found = sorted(
         (parse_option("--curve", speed, "m/s"), parse_option("--curve", velocity, "1"))
         for speed, velocity in pairs("--curve", points, "SPEED=VELOCITY").items()
@@ -367,8 +370,42 @@ def sensor_command(
         ">time ms | >speed at the string m/s | >MIDI velocity",
         [(f"{1e3 * t:.2f}", f"{v:.3f}", str(curve.velocity(v))) for t, v in record.truth],
     )
+    if any(not curve.speeds[0] <= v <= curve.speeds[-1] for _, v in record.truth):
+        complain(f"note: {curve.ends}")
     save_text(out, lambda: record.samples.to_csv(float_format="%.7g"), force=force)
     save_figure(image, lambda: record.plot(setup), force=force)
+
+
+KINDS = option(
+    "Kinds of strokes, such as repeated,aftertouch; default: struck, pressed, staccato, repeated, "
+    "half return in usual shares.",
+    words="--kinds",
+    metavar="KIND",
+)
+
+
+@declare("stream", command, "Print labeled records for firmware.")
+def stream(
+    action: str = ACTION,
+    sensor: str = option("Packaged sensor or TOML file.", default="linear", metavar="FILE"),
+    records: int = option("Number of records.", count(1, 1_000_000), 10, words="--count"),
+    kinds: tuple[str, ...] = KINDS,
+    seed: int = SEED,
+) -> None:
+    """Print what a sensor reads, a line of counts a sample, and after each record the truth.
+
+    A record begins with lines of comments: rate and start of the samples, converter, distances of
+    the action and curve of the sensor. feltmb keyboard score stream:COMMAND gives a program the
+    same lines, without the truth, and scores what it prints.
+    """
+    from feltmb.keyboard import labeled_strokes
+
+    setup, made = labeled_strokes(action, sensor, records, kinds=kinds, seed=seed)
+    for record in made:
+        click.echo(setup.stream(record.samples), nl=False)
+        click.echo("# truth: time,speed")
+        for time, speed in record.truth:
+            click.echo(f"# {time:.6f},{speed:.4f}")
 
 
 @declare("strokes", command, "Write labeled records (Parquet).")
@@ -376,6 +413,7 @@ def strokes(
     action: str = ACTION,
     sensor: str = SENSOR,
     records: int = option("Number of records.", count(1, 1_000_000), 1000, words="--count"),
+    kinds: tuple[str, ...] = KINDS,
     seed: int = SEED,
     jobs: int | None = option("Threads; default: one a core.", count()),
     points: tuple[str, ...] = CURVE,
@@ -394,7 +432,7 @@ def strokes(
     check_targets(out, force=force)
     curve = _curve(points)
     with working("simulating"):
-        setup, made = labeled_strokes(action, sensor, records, seed=seed, jobs=jobs)
+        setup, made = labeled_strokes(action, sensor, records, kinds=kinds, seed=seed, jobs=jobs)
         write_set(out, setup, made, curve=curve, force=force)
     for note in setup.sensor.notes:
         complain(f"note: {note}")
@@ -412,6 +450,7 @@ def score_of(
     action: str = option("Action that is played.", default="grand_action", complete=actions),
     sensor: str = SENSOR,
     records: int = option("Number of records.", count(1, 1_000_000), 1000, words="--count"),
+    kinds: tuple[str, ...] = KINDS,
     seed: int = SEED,
     image: Path | None = picture("Draw the errors of speed and time over the speed."),
     out: Path | None = option("Write all strikes (CSV).", FileName(".csv"), metavar="FILE"),
@@ -423,7 +462,8 @@ def score_of(
 
     ALGORITHM is largest_derivative, model_based, a Python function (FILE.py:FUNCTION) of the
     samples and the setup, or a program that is called with a CSV file of samples and a JSON file of
-    the setup and prints CSV with the columns time,speed.
+    the setup and prints CSV with the columns time,speed. stream:COMMAND is a program that reads the
+    lines of feltmb keyboard stream, without the truth, from its input, and prints the same.
     """
     from feltmb.keyboard import labeled_strokes, load_algorithm, read_set, score
 
@@ -431,7 +471,7 @@ def score_of(
     name, function = load_algorithm(algorithm)
     with working("simulating"):
         if given is None:
-            setup, made = labeled_strokes(action, sensor, records, seed=seed)
+            setup, made = labeled_strokes(action, sensor, records, kinds=kinds, seed=seed)
         else:
             setup, made = read_set(given)
         result = score(function, made, setup, name=name)

@@ -18,17 +18,19 @@ from feltmb.contact import law as contact_law
 from feltmb.felt.measured import Specimen, measured_loop
 from feltmb.fiber.approach import LEAST, free_approach, scatter_of
 from feltmb.fiber.cycles import find_branches
+from feltmb.fiber.machine import Drift, drift_of_approach, saturation
 from unmodeled.arguments import checked
 from unmodeled.errors import DataError, InvalidParameter
 
 Array = NDArray[np.float64]
 Values = Callable[[Array], dict[str, float]]
-LoadingLaw = Literal["power", "van_wyk", "van_wyk_3"]
+LoadingLaw = Literal["power", "exponential", "van_wyk", "van_wyk_3"]
 
 #: Laws of loading.
-LOADING = ("power", "van_wyk", "van_wyk_3")
+LOADING = ("power", "exponential", "van_wyk", "van_wyk_3")
 #: Units of parameters; others are numbers.
 UNITS = {
+    **{"a": "N/m", "b": "1/m", "c": "N/m"},
     **{"stiffness": "N/m^p", "scale": "N", "thickness": "m", "zero": "m", "rest": "N"},
     **{name: "s" for name in ("time", "rate_time", "time_1", "time_2", "time_3", "time_4")},
 }
@@ -36,10 +38,13 @@ UNITS = {
 WIDE = 10.0
 #: Largest correlation of successive residuals.
 CORRELATED = 0.98
-#: Largest exponent of a law of loading.
+#: Largest exponent of a law of loading, and of the exponential at its end.
 STEEPEST = 60.0
-#: Typical difference above which a law of loading does not follow a test, as a share of the force.
-MISSES = 0.1
+#: Parameters that may be negative.
+SIGNED = ("zero", "c")
+#: A law of loading does not follow a test that it misses typically by more than a share of the
+#: force, or by more than a multiple of the noise, which is at least a share of the largest force.
+MISSES, FAR, QUIET = 0.1, 3.0, 2e-3
 #: Most Maxwell branches, and least ratio of their times.
 BRANCHES, APART = 4, 2.0
 #: Largest ratio of the speeds of the cycles that tells no dependence on the rate.
@@ -59,7 +64,7 @@ class LawFit:
     values: Mapping[str, float]
     """Parameters in SI units."""
     interval: Mapping[str, tuple[float, float]]
-    """Intervals of 95 % of those that are not given."""
+    """Intervals of 95 % of those that are not given; none if the law does not follow the test."""
     rms: float
     """Root mean square of the difference of law and test [N]."""
     relative: float
@@ -76,11 +81,13 @@ class LawFit:
 
     @property
     def undetermined(self) -> tuple[str, ...]:
-        """Parameters with an interval that is wider than tenfold.
+        """Parameters with an interval that is wider than tenfold; all if there is none.
 
         A stiffness [N/m^p] moves with its exponent, and is undetermined with it only.
         """
-        ends = {k: v for k, v in self.interval.items() if k not in ("zero", "stiffness")}
+        if not self.interval:
+            return tuple(self.values)
+        ends = {k: v for k, v in self.interval.items() if k not in (*SIGNED, "stiffness")}
         wide = tuple(k for k, (low, high) in ends.items() if not 0.0 < high <= WIDE * low)
         return ("stiffness", *wide) if "exponent" in wide and "stiffness" in self.interval else wide
 
@@ -141,17 +148,17 @@ def _estimate(
 
 
 def _interval(found: _Estimate, values: Values, key: str) -> tuple[float, float]:
-    """Interval of a value that depends on all parameters, positive but for a zero."""
+    """Interval of a value that depends on all parameters, positive but for ``SIGNED``."""
     from scipy.stats import t as student
 
     def at(p: Array) -> float:
-        return values(p)[key] if key == "zero" else math.log(values(p)[key])
+        return values(p)[key] if key in SIGNED else math.log(values(p)[key])
 
     steps = 1e-4 * np.eye(found.best.size)
     slope = np.array([at(found.best + d) - at(found.best - d) for d in steps]) / 2e-4
     sd = math.sqrt(max(float(slope @ found.covariance @ slope), 0.0))
     reach, center = float(student.ppf(0.975, found.freedom)) * sd, at(found.best)
-    if key == "zero":
+    if key in SIGNED:
         return center - reach, center + reach
     return math.exp(max(center - reach, -600.0)), math.exp(min(center + reach, 600.0))
 
@@ -161,67 +168,70 @@ def _force(name: str, e: Array, v: Mapping[str, float]) -> Array:
     e = np.maximum(e, 0.0)
     if name == "power":
         return np.asarray(v["stiffness"] * e ** v["exponent"])
+    if name == "exponential":
+        return np.asarray(e * (v["a"] * np.exp(v["b"] * e) + v["c"]))
     share = np.minimum(e / v["thickness"], 1.0 - 1e-9)
     return np.asarray(v["scale"] * ((1.0 - share) ** -v["exponent"] - 1.0))
 
 
-def _first_loading(test: Specimen) -> tuple[Array, Array]:
-    """Displacement and force of the loading of the first complete cycle, without holds."""
+def _first_loading(test: Specimen) -> tuple[Array, Array, Drift | None]:
+    """Displacement and force of the first complete loading without holds and drift; the drift."""
     branches = find_branches(test.displacement)
     at = branches.kept[branches.loading]
     if at.size < 2 * LEAST:
         raise DataError(f"{test.name}: {at.size} samples of loading, expected at least {2 * LEAST}")
+    kept = branches.kept
+    limit = saturation(test.displacement[kept], test.force[kept], branches.loading)
+    if limit:
+        raise DataError(f"{test.name}: {limit}")
     order = at[np.argsort(test.displacement[at], kind="stable")]
-    return test.displacement[order], test.force[order]
+    x, force = test.displacement[order], test.force[order]
+    clock = x if test.time is None else test.time[np.sort(at)]
+    drift = drift_of_approach(x, force, clock, test.zero)
+    return x, force if drift is None else force - drift.force, drift
 
 
 def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> LawFit:
     """A law of loading. The misfit is a share of the force, so that small forces count too."""
-    x, force = _first_loading(test)
+    x, force, drift = _first_loading(test)
     contact = free_approach(x, force, test.zero)
     force = force - contact.level
     noise = max(scatter_of(force), 1e-6 * float(np.ptp(force)))
     end, top, span = float(x[-1]), float(np.max(force)), float(np.ptp(x))
     begin = float(x[int(np.argmax(force > 5.0 * noise))])
     before = 0.0 if test.zero is not None else max(begin - contact.low, 1e-3 * span)
-    pressed = end - (begin if test.zero is None else test.zero)
-    if law != "power" and thickness and pressed >= thickness:
-        since = "first load" if test.zero is None else "first contact"
-        raise DataError(
-            f"{test.name}: compressed by {1e3 * pressed:.4g} mm from the {since}, and thickness = "
-            f"{1e3 * thickness:.4g} mm, expected a thickness at the first contact that is larger"
-        )
-    if law != "power" and thickness:
-        before = min(before, thickness - pressed)
-
-    def values(p: Array) -> dict[str, float]:
-        zero = test.zero if test.zero is not None else begin - span * math.exp(p[-1])
-        most, size = max(end - zero, 1e-12), top * math.exp(p[1])
-        exponent = 3.0 if law == "van_wyk_3" else math.exp(p[0])
-        if law == "power":
-            return {"stiffness": size / most**exponent, "exponent": exponent, "zero": zero}
-        h = thickness or most * (1.0 + math.exp(p[2]))
-        rise = (1.0 - min(most / h, 1.0 - 1e-9)) ** -exponent - 1.0
-        return {"scale": size / rise, "exponent": exponent, "thickness": h, "zero": zero}
-
-    def fitted(p: Array) -> Array:
-        v = values(p)
-        return _force(law, x - v["zero"], v)
-
-    share = 0.1
-
-    def rest(p: Array) -> Array:
-        return np.asarray((fitted(p) - force) / np.hypot(noise, share * np.maximum(force, 0.0)))
-
-    # Exponent, force at the end, room behind the end, way from the zero to the first load.
-    low, high = [0.0, -3.0], [math.log(STEEPEST), 3.0]
+    if law.startswith("van_wyk") and thickness:
+        before = min(before, _room(test, thickness, end, begin))
+    # Shape, force at the end; room behind the end, or c / a + 1; way from the zero to the first
+    # load; drift in its standard errors.
+    low, high = [0.0 if law != "exponential" else -5.0, -3.0], [math.log(STEEPEST), 3.0]
     shapes = [[math.log(exponent), 0.0] for exponent in (2.0, 6.0)]
     if law != "power":
         low, high = [*low, -12.0], [*high, 5.0]
         shapes = [[*s, math.log(room)] for s in shapes for room in (0.2, 1.0)]
     if before:
+        way = len(low)
         low, high = [*low, -12.0], [*high, math.log(before / span)]
         shapes = [[*s, math.log(way)] for s in shapes for way in (0.02, 0.3)]
+    if drift:
+        low, high, shapes = [*low, -5.0], [*high, 5.0], [[*s, 0.0] for s in shapes]
+
+    def values(p: Array) -> dict[str, float]:
+        zero = test.zero if test.zero is not None else begin - span * math.exp(p[way])
+        most, size = max(end - zero, 1e-12), top * math.exp(p[1])
+        return {**_numbers(law, p, most, size, thickness), "zero": zero}
+
+    def fitted(p: Array) -> Array:
+        v = values(p)
+        made = _force(law, x - v["zero"], v)
+        return made + p[-1] * drift.error * drift.force / drift.total if drift else made
+
+    share = 0.1
+
+    def rest(p: Array) -> Array:
+        left = (fitted(p) - force) / np.hypot(noise, share * np.maximum(force, 0.0))
+        return np.append(left, p[-1]) if drift else np.asarray(left)
+
     starts = [np.array(s) for s in shapes]
     for _ in range(4):
         found = _estimate(rest, starts, np.array(low), np.array(high))
@@ -230,13 +240,17 @@ def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> La
         extra = (left[counts] ** 2 - noise**2) / force[counts] ** 2
         share = math.sqrt(max(float(np.mean(extra)), 1e-8)) if counts.any() else 1e-4
     v = values(found.best)
-    given = {"exponent": law == "van_wyk_3", "zero": not before, "thickness": bool(thickness)}
-    warnings = []
-    if share > MISSES:
+    rms = float(np.sqrt(np.mean(left**2)))
+    given = _given(law, thickness) | ({"zero"} if not before else set())
+    interval = {k: _interval(found, values, k) for k in v if k not in given}
+    warnings = [drift.text] if drift else []
+    if share > MISSES or rms > FAR * max(noise, QUIET * top):
+        interval = {}
         warnings.append(
             f"the law {law} does not follow the test, typically off by {100 * share:.3g} % of the "
-            "force: its parameters depend on the range of the test; `feltmb felt contact` makes a "
-            "table that follows any loading"
+            f"force, {rms / noise:.3g} times the noise of {noise:.2g} N: its parameters depend on "
+            "the range of the test and have no interval; try another law of loading (--law), or "
+            "`feltmb felt contact --loss`, which makes a table that follows any loading"
         )
     if law == "van_wyk" and found.best[0] > high[0] - 1e-3:
         warnings.append(
@@ -245,12 +259,44 @@ def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> La
         )
     numbers = {k: v[k] for k in ("stiffness", "exponent") if k in v}
     return LawFit(
-        law, test.name, v,
-        {k: _interval(found, values, k) for k in v if not given.get(k)},
-        float(np.sqrt(np.mean(left**2))), share,
+        law, test.name, v, interval, rms, share,
         x - v["zero"], force, left + force, tuple(warnings),
         {"law": "hunt_crossley", "hunt_crossley": numbers} if law == "power" else {},
     )  # fmt: skip
+
+
+def _given(law: LoadingLaw, thickness: float | None) -> set[str]:
+    """Parameters of a law of loading that are not fitted."""
+    fixed = {"exponent": law == "van_wyk_3", "thickness": bool(thickness)}
+    return {name for name, is_fixed in fixed.items() if is_fixed}
+
+
+def _room(test: Specimen, thickness: float, end: float, begin: float) -> float:
+    """Thickness that is left at the end, from the first load or contact [m]."""
+    pressed = end - (begin if test.zero is None else test.zero)
+    if pressed >= thickness:
+        since = "first load" if test.zero is None else "first contact"
+        raise DataError(
+            f"{test.name}: compressed by {1e3 * pressed:.4g} mm from the {since}, and thickness = "
+            f"{1e3 * thickness:.4g} mm, expected a thickness at the first contact that is larger"
+        )
+    return thickness - pressed
+
+
+def _numbers(
+    law: LoadingLaw, p: Array, most: float, size: float, thickness: float | None
+) -> dict[str, float]:
+    """Parameters of a law of loading with the force ``size`` at the compression ``most``."""
+    shape = 3.0 if law == "van_wyk_3" else math.exp(p[0])
+    if law == "power":
+        return {"stiffness": size / most**shape, "exponent": shape}
+    if law == "exponential":
+        ratio = math.expm1(p[2])  # c / a: the force begins to rise
+        a = size / most / (math.exp(shape) + ratio)
+        return {"a": a, "b": shape / most, "c": ratio * a}
+    h = thickness or most * (1.0 + math.exp(p[2]))
+    rise = (1.0 - min(most / h, 1.0 - 1e-9)) ** -shape - 1.0
+    return {"scale": size / rise, "exponent": shape, "thickness": h}
 
 
 @checked
@@ -281,18 +327,24 @@ def pool(
     end = min(float(f.compression[-1]) for f in fits)
     grid = end * np.linspace(0.0, 1.0, 201)[1:]
     forces = np.array([np.interp(grid, f.compression, f.force) for f in fits])
+    given = _given(law, thickness)
 
     def together(kept: Sequence[int]) -> dict[str, float]:
         mean = Specimen("mean", grid, np.mean(forces[kept], axis=0), zero=0.0)
         found = _fit_loading(mean, law, thickness)
-        return {k: v for k, v in found.values.items() if k == "zero" or k in found.interval}
+        return {k: v for k, v in found.values.items() if k not in given}
 
     values = together(range(count))
     others = [together([j for j in range(count) if j != i]) for i in range(count)]
     factor = math.sqrt(count - 1.0) * float(student.ppf(0.975, count - 1))
     interval = {}
     for key in values.keys() - {"zero"}:
-        reach = min(factor * float(np.std(np.log([o[key] for o in others]))), 300.0)
+        each = np.array([o[key] for o in others])
+        if key in SIGNED:
+            reach = factor * float(np.std(each))
+            interval[key] = values[key] - reach, values[key] + reach
+            continue
+        reach = min(factor * float(np.std(np.log(each))), 300.0)
         interval[key] = values[key] * math.exp(-reach), values[key] * math.exp(reach)
     values = {**fits[0].values, **values}
     del values["zero"]
@@ -406,7 +458,7 @@ def _fit_rate(test: Specimen, law: Literal["stulov", "rate"]) -> LawFit:
         x, f, made = loop.compression, loop.force, loop.envelope
         ends = [0.0, 0.0]
     else:
-        contact = free_approach(*_first_loading(test), test.zero)
+        contact = free_approach(*_first_loading(test)[:2], test.zero)
         f, ends = test.force - contact.level, [contact.low, contact.high]
     span, top = float(np.max(x)) - ends[1], float(np.max(f))
     duration = float(np.ptp(time))
@@ -469,7 +521,9 @@ def _fit_rate(test: Specimen, law: Literal["stulov", "rate"]) -> LawFit:
 @checked
 def fit_law(
     test: Specimen,
-    law: Literal["power", "van_wyk", "van_wyk_3", "maxwell", "stulov", "rate"] = "power",
+    law: Literal[
+        "power", "exponential", "van_wyk", "van_wyk_3", "maxwell", "stulov", "rate"
+    ] = "power",
     *,
     thickness: float | None = None,
 ) -> LawFit:
@@ -481,7 +535,8 @@ def fit_law(
         The test; ``read_specimen`` reads it from a file. If its ``zero`` is not given, the first
         contact of a law of loading is fitted.
     law
-        Of loading, with the loss open: ``"power"``, ``stiffness e^exponent``; ``"van_wyk"``,
+        Of loading, with the loss open: ``"power"``, ``stiffness e^exponent``; ``"exponential"``,
+        ``a e exp(b e) + c e`` with a + c >= 0 (eq. 4.21 of the thesis); ``"van_wyk"``,
         ``scale ((1 - e/thickness)^-exponent - 1)``, and ``"van_wyk_3"`` with van Wyk's exponent 3.
 
         ``"maxwell"``: the hold under the largest load, ``rest`` and, for each branch, its force

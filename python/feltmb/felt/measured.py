@@ -33,7 +33,7 @@ from feltmb.felt.transition import transition_uncertainty
 from feltmb.fiber.approach import LEAST, TOUCH, free_approach, scatter_of, smooth_zero
 from feltmb.fiber.columns import read_test
 from feltmb.fiber.cycles import Branches, find_branches
-from feltmb.fiber.machine import drift_of, saturation, without_frame
+from feltmb.fiber.machine import Drift, drift_of, drift_of_approach, saturation, without_frame
 from unmodeled.arguments import checked
 from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
@@ -422,8 +422,9 @@ def _measured_loop(
     if loss is not None and not 0.0 <= loss < 1.0:
         faults.append(f"loss = {loss:g}, must be >= 0 and < 1")
     _refuse(faults)
+    approach = None
     if loss is not None:
-        x, f, clock = _with_unloading(x, f, clock, loss, zero)
+        x, f, clock, approach = _with_unloading(x, f, clock, loss, zero)
     try:
         branches = find_branches(x, cycle)
     except InvalidParameter as error:
@@ -503,18 +504,14 @@ def _measured_loop(
         )
         sure = replace(found.uncertainty, loss=0.0, unloading=found.uncertainty.loading)
         found = replace(found, uncertainty=sure)
-    if drift and drift.total:
-        notes.append(
-            f"the load cell drifts by {drift.total:.3g} N from the first free part of the test to "
-            "the last one: this is subtracted, in proportion to the time between them"
-        )
+    notes += [part.text for part in (drift, approach) if part and part.total]
     return replace(found, notes=tuple(notes))
 
 
 def _with_unloading(
     x: Array, f: Array, clock: Array, loss: float, zero: float | None
-) -> tuple[Array, Array, Array]:
-    """Displacement, force and time of loading, and of an unloading with this loss."""
+) -> tuple[Array, Array, Array, Drift | None]:
+    """Displacement, force and time of loading, and of an unloading with this loss; the drift."""
     from scipy.optimize import brentq
 
     branches = find_branches(x)
@@ -523,7 +520,12 @@ def _with_unloading(
         _refuse(["loss: the test has unloading, and with it a loss"])
     if at.size < LEAST:
         _refuse([f"{at.size} samples of loading, expected at least {LEAST}"])
-    x, f, clock = x[at], f[at], clock[at]
+    at = at[np.argsort(x[at], kind="stable")]
+    x, f, clock = x[at], f[at], clock[np.sort(at)]
+    limit = saturation(x, f, np.ones(x.size, dtype=bool))
+    _refuse([limit] if limit else [])
+    drift = drift_of_approach(x, f, clock, zero)
+    f = f if drift is None else f - drift.force
     contact = free_approach(x, f, zero)
     share = np.maximum(x - contact.zero, 0.0) / (float(np.max(x)) - contact.zero)
     felt = f - contact.level
@@ -535,7 +537,7 @@ def _with_unloading(
     power = brentq(lambda p: lost(p) - loss, 0.0, 200.0) if loss else 0.0
     back = (contact.level + np.where(share > 0.0, felt * share**power, felt))[-2::-1]
     later = clock[-1] + (clock[-1] - clock[-2::-1])
-    return np.r_[x, x[-2::-1]], np.r_[f, back], np.r_[clock, later]
+    return np.r_[x, x[-2::-1]], np.r_[f, back], np.r_[clock, later], drift
 
 
 def _envelope(grid: Array, load: Array, back: Array, meeting: Array, name: str) -> FeltEnvelope:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from feltmb.fiber.approach import LEAST, OFFSET, SURE, scatter_of
+from feltmb.fiber.approach import LEAST, OFFSET, SURE, free_approach, scatter_of
 from feltmb.fiber.columns import CompressionColumns, read_test
 from unmodeled.data import ReadOptions
 from unmodeled.errors import DataError, InvalidParameter
@@ -21,6 +21,12 @@ Rows = NDArray[np.intp]
 LIMIT = 3.0, 1e-3
 #: Displacement within it that is no peak, in those of a felt as stiff as below it.
 FLAT = 4.0
+#: Share of the force at whose lower half of samples the rounds of the drift begin.
+EARLY = 0.1
+#: Largest drift of a load cell, as a share of the range of the force.
+MOST = 0.1
+#: Rounds of the drift and the first contact, which depend on each other.
+ROUNDS = 5
 #: Standard error of a median over that of a mean.
 MEDIAN = 1.25
 
@@ -29,7 +35,7 @@ def saturation(x: Array, force: Array, loading: NDArray[np.bool_]) -> str:
     """Fault of a force that stays at its largest value; empty if it does not.
 
     At a peak of a felt, the force falls with the displacement. At the limit of a load cell, it is
-    the same on both sides of the peak.
+    the same on both sides of the peak, or up to the end of a test of loading only.
 
     Parameters
     ----------
@@ -47,7 +53,7 @@ def saturation(x: Array, force: Array, loading: NDArray[np.bool_]) -> str:
         return ""
     per_force = float(np.ptp(x[below])) / max(float(np.ptp(force[below])), near)
     at_top = force >= top - near
-    sides = [x[at_top & side] for side in (loading, ~loading)]
+    sides = [x[at_top & side] for side in (loading, ~loading) if side.any()]
     if min(side.size for side in sides) < 2:
         return ""
     widths = [float(np.ptp(side)) for side in sides]
@@ -69,7 +75,17 @@ class Drift:
     error: float
     """Standard error of the force of unloading relative to that of loading."""
     total: float
-    """From the first to the last free part of the test."""
+    """From the first to the last free part of the test; of loading only, to its end."""
+    last: str = "the last one"
+    """Where ``total`` ends."""
+
+    @property
+    def text(self) -> str:
+        """What is subtracted."""
+        return (
+            f"the load cell drifts by {self.total:.3g} N from the first free part of the test to "
+            f"{self.last}: this is subtracted, in proportion to the time between them"
+        )
 
 
 def drift_of(x: Array, force: Array, clock: Array, zero: float) -> Drift | None:
@@ -95,6 +111,43 @@ def drift_of(x: Array, force: Array, clock: Array, zero: float) -> Drift | None:
         return Drift(np.zeros_like(force), 0.5 * float(np.hypot(error, change)), 0.0)
     along = np.interp(clock, [float(np.mean(clock[p])) for p in parts], levels) - levels[0]
     return Drift(np.asarray(along), 0.5 * error, float(levels[-1] - levels[0]))
+
+
+def drift_of_approach(x: Array, force: Array, clock: Array, zero: float | None) -> Drift | None:
+    """Drift of the load cell from the slope of the free approach of a loading; None: it shows none.
+
+    A curved approach is no drift, but the beginning of a soft contact.
+
+    Parameters
+    ----------
+    x, force, clock
+        Displacement, in ascending order, force and time of each sample.
+    zero
+        Displacement at the first contact; None: estimated.
+    """
+    early = np.flatnonzero(force < np.min(force) + EARLY * np.ptp(force))
+    early = early[: max(LEAST, early.size // 2)]
+    drift = np.polyfit(clock[early], force[early], 1)[0] * (clock - clock[0])
+    for _ in range(ROUNDS):
+        free = x < free_approach(x, force - drift, zero).zero
+        count, t = int(np.sum(free)), clock[free]
+        if count < 2 * LEAST or not np.ptp(t) > 0.0:
+            return None
+        t = (t - np.mean(t)) / np.std(t)
+        terms = np.column_stack([np.ones(count), t, t**2 - 1.0])
+        weights, *_ = np.linalg.lstsq(terms, force[free], rcond=None)
+        per_time = 1.0 / float(np.std(clock[free]))
+        drift = float(weights[1]) * per_time * (clock - clock[0])
+    noise = max(float(np.std(force[free] - terms @ weights)), scatter_of(force))
+    # A scatter of zero tells no error of the rounding.
+    noise = max(noise, OFFSET * float(np.ptp(force)) / SURE)
+    sd = noise * np.sqrt(np.diag(np.linalg.inv(terms.T @ terms)))
+    if abs(weights[1]) <= SURE * sd[1] or abs(weights[2]) > SURE * sd[2]:
+        return None
+    if abs(drift[-1]) > MOST * float(np.ptp(force)):  # rather a soft contact
+        return None
+    error = float(sd[1]) * per_time * float(np.ptp(clock))
+    return Drift(drift, error, float(drift[-1]), "its end, as in its approach")
 
 
 def without_frame(

@@ -17,13 +17,18 @@ from feltmb.mechanism import Action
 from feltmb.run.batch import simulate_many
 from feltmb.run.stroke import Stroke, motion_stroke
 from unmodeled.arguments import checked
-from unmodeled.errors import Error, InvalidParameter
+from unmodeled.errors import Error, InvalidParameter, no_such
 
 if TYPE_CHECKING:
     from feltmb.run.results import Run
 
 #: Kind -> share of the gestures of a set.
 KINDS = {"struck": 0.3, "pressed": 0.3, "staccato": 0.15, "repeated": 0.15, "half return": 0.1}
+#: A kind that is made if it is asked for: after a press, the key is pressed again from within the
+#: aftertouch, where the jack has not come back. The hammer may stir; mostly it does not strike.
+AFTERTOUCH = "aftertouch"
+#: Kinds of several presses: least and largest share of the depth that the finger goes back.
+RETURNS = {"repeated": (1.0, 1.0), "half return": (0.5, 0.75), AFTERTOUCH: (0.05, 0.3)}
 #: Displacement of the finger in a press: time to this power.
 POWERS = {"struck": 1.0, "pressed": 2.0}
 #: Finger speeds at the key bottom, of which the table of an inversion is made [m/s].
@@ -178,7 +183,9 @@ class Gesture:
         return gesture(self.presses, self.kind)
 
 
-def random_gestures(inversion: Inversion, count: int, seed: int = 0) -> Iterator[Gesture]:
+def random_gestures(
+    inversion: Inversion, count: int, seed: int = 0, kinds: Sequence[str] = ()
+) -> Iterator[Gesture]:
     """Random gestures from ppp to fff, the same for the same seed.
 
     Parameters
@@ -189,12 +196,18 @@ def random_gestures(inversion: Inversion, count: int, seed: int = 0) -> Iterator
         Number of gestures.
     seed
         Seed of the random numbers.
+    kinds
+        Kinds of gestures, with equal shares; none: ``KINDS`` with theirs.
     """
-    names = list(KINDS)
+    names = list(kinds) or list(KINDS)
+    for name in names:
+        if name not in (*KINDS, AFTERTOUCH):
+            raise no_such("kind of stroke", name, [*KINDS, AFTERTOUCH])
+    shares = [KINDS[n] for n in names] if not kinds else None
     for each in np.random.SeedSequence(seed).spawn(count):
         rng = np.random.default_rng(each)
-        kind = names[rng.choice(len(names), p=list(KINDS.values()))]
-        number = int(rng.integers(2, 6)) if kind in ("repeated", "half return") else 1
+        kind = names[rng.choice(len(names), p=shares)]
+        number = int(rng.integers(2, 6)) if kind in RETURNS else 1
         power = POWERS.get(kind, 1.0 if rng.random() < 0.5 else 2.0)
         low, high = np.log(inversion.limits(power))
         level = rng.uniform(low, high)
@@ -206,7 +219,8 @@ def random_gestures(inversion: Inversion, count: int, seed: int = 0) -> Iterator
                 hold, up = 0.0, rng.uniform(0.3, 0.8)
             elif number > 1:
                 hold = rng.uniform(0.02, 0.06)
-                back = rng.uniform(0.5, 0.75) if kind == "half return" else 1.0
+                low_back, high_back = RETURNS[kind]
+                back = rng.uniform(low_back, high_back) if low_back < high_back else 1.0
             aimed.append(speed)
             finger = inversion.finger_speed(speed, power)
             presses.append(Press(finger, power, float(hold), float(back), float(up)))

@@ -157,7 +157,8 @@ def load_algorithm(text: str) -> tuple[str, Algorithm]:
     ``largest_derivative`` and ``model_based`` are packaged. ``FILE.py:FUNCTION`` is a function of
     the samples (a DataFrame over the time [s]) and the setup. Any other text is a program, which is
     called with the names of a CSV file (``time,hammer,key``) and of a JSON file (the setup), and
-    prints CSV with the head ``time,speed``.
+    prints CSV with the head ``time,speed``. ``stream:COMMAND`` is a program that reads the counts
+    from its input, a line a sample (:meth:`Setup.stream`), and prints the same.
     """
     if text in PACKAGED:
         return text, getattr(algorithms, text)
@@ -172,31 +173,36 @@ def load_algorithm(text: str) -> tuple[str, Algorithm]:
         if not callable(found.get(name)):
             raise no_such(f"function in {file}", name, [n for n in found if callable(found[n])])
         return name, found[name]
-    words = shlex.split(text)
+    streamed = text.startswith("stream:")
+    words = shlex.split(text.removeprefix("stream:"))
     if not words:
         raise no_such("algorithm", text, PACKAGED)
-    if len(words) == 1 and "/" not in text and "." not in text:
+    if len(words) == 1 and not streamed and "/" not in text and "." not in text:
         raise InvalidParameter(
             f"algorithm {text!r}: expected {' or '.join(PACKAGED)}, FILE.py:FUNCTION, or the "
             "command of a program, such as './find' or 'python find.py'"
         )
     if shutil.which(words[0]) is None:
         raise InvalidParameter(f"algorithm {text!r}: there is no program {words[0]}")
-    return words[-1], _program(words)
+    return words[-1], _program(words, streamed=streamed)
 
 
-def _program(words: Sequence[str]) -> Algorithm:
+def _program(words: Sequence[str], *, streamed: bool) -> Algorithm:
     """The function that calls a program."""
 
-    def call(samples: pd.DataFrame, setup: Setup) -> Any:
+    def run(*more: str, given: str | None = None) -> subprocess.CompletedProcess[str]:
+        return subprocess.run([*words, *more], input=given, capture_output=True, text=True,
+                              check=False, timeout=PROGRAM_TIME)  # fmt: skip
+
+    def with_files(samples: pd.DataFrame, setup: Setup) -> subprocess.CompletedProcess[str]:
         with tempfile.TemporaryDirectory() as folder:
             table, known = Path(folder) / "samples.csv", Path(folder) / "setup.json"
             samples.to_csv(table)
             known.write_text(json.dumps(setup.as_dict()))
-            done = subprocess.run(
-                [*words, str(table), str(known)], capture_output=True, text=True, check=False,
-                timeout=PROGRAM_TIME,
-            )  # fmt: skip
+            return run(str(table), str(known))
+
+    def call(samples: pd.DataFrame, setup: Setup) -> Any:
+        done = run(given=setup.stream(samples)) if streamed else with_files(samples, setup)
         if done.returncode:
             raise Error(f"exit code {done.returncode}: {done.stderr.strip()[-300:]}")
         head, *rows = list(csv.reader(io.StringIO(done.stdout))) or [[]]

@@ -225,6 +225,31 @@ class Setup:
         """Plain data, for programs."""
         return {**vars(self), "sensor": self.sensor.model_dump(by_alias=True)}
 
+    def stream(self, samples: pd.DataFrame) -> str:
+        """Text of a record for firmware: the setup, then one line of counts a sample.
+
+        The first three lines are comments: numbers as ``name=value``, and the curve of the sensor.
+
+        Parameters
+        ----------
+        samples
+            Counts over the time [s].
+        """
+        sensor = self.sensor
+        known = {
+            "rate": sensor.rate, "start": float(samples.index[0]), "bits": sensor.bits,
+            "low": sensor.low, "high": sensor.high, "reach": self.reach, "dip": self.dip,
+            "flight": self.flight,
+        }  # fmt: skip
+        curve = {"travel": sensor.travel, "reading": sensor.reading}
+        return "".join(
+            (
+                f"# {' '.join(f'{k}={v:.9g}' for k, v in known.items())}\n",
+                *(f"# {k}={','.join(f'{v:.9g}' for v in row)}\n" for k, row in curve.items()),
+                samples.to_csv(index=False),
+            )
+        )
+
 
 def setup_of(action: Action, sensor: Sensor) -> Setup:
     """What an algorithm may know of an action with a sensor, from a few simulated strokes."""

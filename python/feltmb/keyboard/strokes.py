@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from feltmb.keyboard.gestures import Inversion, random_gestures, run_all, truth_of
+from feltmb.keyboard.gestures import Gesture, Inversion, random_gestures, run_all, truth_of
 from feltmb.keyboard.sensor import Sensor, Setup, load_sensor, setup_of, travels
 from feltmb.keyboard.velocity import VelocityCurve
 from feltmb.mechanism import Action, load_action
@@ -36,7 +36,7 @@ class Labeled:
     Attributes
     ----------
     kind : str
-        struck, pressed, staccato, repeated, half return.
+        struck, pressed, staccato, repeated, half return, aftertouch.
     samples : DataFrame
         Counts of the converter over the time [s], a column a channel.
     truth : tuple
@@ -84,6 +84,7 @@ def labeled_strokes(
     sensor: Sensor | str = "reflective",
     count: int = 1000,
     *,
+    kinds: Sequence[str] = (),
     seed: int = 0,
     jobs: int | None = None,
 ) -> tuple[Setup, Iterator[Labeled]]:
@@ -97,6 +98,9 @@ def labeled_strokes(
         Sensor, or its name. Each record is of another unit: its tolerances are drawn anew.
     count
         Number of records; one has one to five presses.
+    kinds
+        Kinds of strokes, with equal shares; none: struck, pressed, staccato, repeated and half
+        return in usual shares. ``aftertouch`` presses again from within the aftertouch.
     seed
         Seed of the random numbers.
     jobs
@@ -115,7 +119,8 @@ def labeled_strokes(
     mechanism = load_action(action) if isinstance(action, str) else action
     described = load_sensor(sensor) if isinstance(sensor, str) else sensor
     setup = setup_of(mechanism, described)
-    return setup, _records(mechanism, setup, count, seed, jobs)
+    gestures = list(random_gestures(Inversion(mechanism), count, seed, kinds))
+    return setup, _records(mechanism, setup, gestures, seed, jobs)
 
 
 @checked
@@ -146,10 +151,9 @@ def sensed(
 
 
 def _records(
-    action: Action, setup: Setup, count: int, seed: int, jobs: int | None
+    action: Action, setup: Setup, gestures: Sequence[Gesture], seed: int, jobs: int | None
 ) -> Iterator[Labeled]:
-    inversion = Inversion(action)
-    gestures = list(random_gestures(inversion, count, seed))
+    count = len(gestures)
     units = [np.random.default_rng(s) for s in np.random.SeedSequence([seed, 1]).spawn(count)]
     for first in range(0, count, BLOCK):
         block = gestures[first : first + BLOCK]

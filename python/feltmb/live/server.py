@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from feltmb.live.door import patient_protocol
 from unmodeled.arguments import checked
 from unmodeled.errors import Error
 
@@ -74,6 +75,7 @@ class Live:
                 access_log=False,
                 server_header=False,
                 proxy_headers=False,
+                http=patient_protocol(token),
                 ws_max_size=MOST_MESSAGE,
                 ws_max_queue=8,
                 ws_per_message_deflate=False,  # accessible only from this computer

@@ -69,6 +69,72 @@ def test_a_felt_is_not_compressed_by_more_than_its_thickness(zero):
     assert fit_law(test, "van_wyk_3", thickness=2.0 * TOP).values["thickness"] == 2.0 * TOP
 
 
+def pressed(force, seed=5, n=200):
+    """A loading with 0.4 mm of free approach, and noise of 0.2 % of the largest force."""
+    x = np.linspace(0.0, 1.5e-3, n)
+    f = force(np.maximum(x - 0.4e-3, 0.0))
+    noise = 2e-3 * f.max() * np.random.default_rng(seed).standard_normal(n)
+    return x, f + noise, f.max()
+
+
+def a_power(e):
+    return 4.0e8 * e**2.7
+
+
+def test_a_saturated_load_cell_is_refused_for_loading_only_too():
+    x, force, top = pressed(a_power)
+    force = np.minimum(force, 0.75 * top)
+    for law_of in ("power", "exponential", "van_wyk"):
+        with pytest.raises(DataError, match=r"sat: the force stays at 3\.0.* load cell is at its"):
+            fit_law(Specimen("sat", x, force), law_of)
+    with pytest.raises(InvalidParameter, match="load cell is at its limit"):
+        measured_loop(x, force, loss=0.2)
+
+
+def test_the_drift_of_a_load_cell_is_subtracted_from_loading_only_too():
+    """2 % of the largest force along the test; a power of 2.7 from 0.4 mm on."""
+    x, force, top = pressed(a_power)
+    clean = fit_law(Specimen("clean", x, force))
+    assert clean.warnings == ()
+    force = force + 0.02 * top * np.linspace(0.0, 1.0, x.size)
+    time = np.linspace(0.0, 60.0, x.size)
+    found = fit_law(Specimen("drift", x, force, time))
+    assert any("the load cell drifts by 0.0" in text for text in found.warnings)
+    low, high = found.interval["exponent"]
+    assert low < 2.7 < high < low + 0.15
+    assert found.interval["zero"][0] < 0.4e-3 < found.interval["zero"][1]
+    loop = measured_loop(x, force, loss=0.2)
+    assert loop.zero == pytest.approx(0.4e-3, abs=0.03e-3)
+    assert float(np.interp(0.5e-3, loop.envelope.compression, loop.envelope.loading)) == (
+        pytest.approx(a_power(0.5e-3), abs=0.03)
+    )
+    assert any("the load cell drifts by" in text for text in loop.notes)
+
+
+def test_the_law_of_eq_4_21_comes_back_and_others_have_no_interval():
+    x, force, _ = pressed(lambda e: 5.52e3 * e * np.exp(1.58e3 * e) - 0.6e3 * e)
+    test = Specimen("e421", x, force)
+    found = fit_law(test, "exponential")
+    assert found.warnings == ()
+    for key, true in {"a": 5.52e3, "b": 1.58e3, "c": -0.6e3, "zero": 0.4e-3}.items():
+        assert found.interval[key][0] < true < found.interval[key][1]
+    assert found.interval["b"][1] < 1.05 * found.interval["b"][0]
+    other = fit_law(test)
+    assert other.interval == {}
+    assert other.undetermined == ("stiffness", "exponent", "zero")
+    assert any("14.1 times the noise" in text for text in other.warnings)
+    both = pool(
+        [test, Specimen("again", *pressed(lambda e: a_power(e) * 9.0, 6)[:2])], "exponential"
+    )
+    assert both.interval["c"][0] < both.values["c"] < both.interval["c"][1]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_free_approach_without_drift_shows_none(seed):
+    x, force, _ = pressed(lambda e: 30.0 * e + 4.0e8 * e**2.7, seed)
+    assert fit_law(Specimen("free", x, force)).warnings == ()
+
+
 def test_specimens_are_pooled_with_the_scatter_between_them():
     """Gains of 10 % between specimens, with noise that is much less."""
     gains = 1.0 + 0.1 * np.random.default_rng(3).standard_normal(6)
@@ -251,6 +317,10 @@ def test_the_commands(tmp_path):
     made = tmp_path / "law.toml"
     run("law", paths[0], "-o", made)
     assert "[hunt_crossley]" in made.read_text()
+    by_421 = json.loads(run("law", paths[0], "--law", "exponential", "--json").output)[0]
+    assert list(by_421["values"]) == ["a", "b", "c", "zero"]
+    with pytest.raises(DataError, match=r"`feltmb felt law` fits a law, and `feltmb felt contact"):
+        run("identify", paths[0], "--material", "a12_06", "--area", "1cm2", "--thickness", "6mm")
     assert "KES: WC" in run("contact", paths[0], "--loss", "30%", "--area", "1cm2").output
     mine = tmp_path / "mine.toml"
     run("contact", paths[0], "--loss", "30%", "--contact", "06", "-o", mine)

@@ -2,6 +2,8 @@
 
 import itertools
 import math
+import shutil
+import subprocess
 import sys
 from dataclasses import replace
 
@@ -30,6 +32,7 @@ from feltmb.keyboard.gestures import Inversion, Press, gesture, random_gestures,
 from feltmb.keyboard.midi import MidiNote
 from feltmb.keyboard.scoring import LEVELS, level_of
 from feltmb.keyboard.strokes import Labeled
+from feltmb.keyboard.velocity import measured_curve, read_curve
 from unmodeled.errors import Error
 
 
@@ -137,6 +140,29 @@ def test_velocity_curves():
     assert own.velocity(1.0) == 60
     refused(lambda: VelocityCurve([1.0, 0.5], [1, 2]), "speeds", "increasing")
     refused(lambda: VelocityCurve([0.0, 0.5], [1, 2]), "above 0")
+
+
+def test_a_measured_curve_is_found_again(tmp_path):
+    true = VelocityCurve([0.15, 1.0, 6.0], [5, 50, 120])
+    rng = np.random.default_rng(0)
+    speeds = np.exp(rng.uniform(np.log(0.15), np.log(6.0), 300))
+    given = [true.velocity(v * np.exp(rng.normal(0.0, 0.03))) for v in speeds]
+    path = tmp_path / "pairs.csv"
+    pd.DataFrame({"speed [mm/s]": 1e3 * speeds, "velocity": given}).to_csv(path, index=False)
+    found = read_curve(str(path))
+    for speed in np.geomspace(0.16, 5.8, 40):
+        assert abs(found.velocity(speed) - true.velocity(speed)) <= 1
+    assert "5 at 0.15 m/s" in found.ends
+    refused(lambda: measured_curve([1.0] * 7, [9] * 7), "got 7 speeds")
+    refused(lambda: measured_curve([1.0] * 8, [0] * 8), "got 0, expected")
+    refused(lambda: read_curve("Disklavier"), "is unknown", "measure pairs")
+    refused(lambda: read_curve("SE290"), "is unknown", "goebl is the map")
+    path.write_text("v,velocity\n1,2\n2,3\n")
+    refused(lambda: read_curve(str(path)), "got the columns v, velocity")
+    path.write_text("speed [m/s],velocity\n")
+    refused(lambda: read_curve(str(path)), "got 0 speeds")
+    path.write_text("speed [m/s],velocity\n1,2\n2,x\n")
+    refused(lambda: read_curve(str(path)), "line 3")
 
 
 # ---------------------------------------------------------------- strokes
@@ -292,6 +318,54 @@ def test_functions_and_programs_of_the_user(tmp_path, few):
         score(called, records[:2], setup)
 
 
+STREAMED = """
+import sys
+known, at, top = {}, 0, (-1, 0)
+for line in sys.stdin:
+    if line.startswith("# rate="):
+        known = dict(word.split("=") for word in line[2:].split())
+    elif line[0].isdigit():
+        top = max(top, (int(line.split(",")[0]), -at))
+        at += 1
+print("time,speed")
+print(float(known["start"]) - top[1] / float(known["rate"]), 1.0, sep=",")
+"""
+
+
+def test_a_program_reads_a_stream_of_counts(tmp_path, few):
+    setup, records = few
+    program = tmp_path / "program.py"
+    program.write_text(STREAMED)
+    _, called = load_algorithm(f"stream:{sys.executable} {program}")
+    found = score(called, records[:3], setup).strikes
+    own = score(lambda s, _: [(s["hammer"].idxmax(), 1.0)], records[:3], setup).strikes
+    pd.testing.assert_frame_equal(found, own)
+    refused(lambda: load_algorithm("stream:no_such"), "there is no program no_such")
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_the_example_of_firmware_finds_the_speed(tmp_path, root):
+    source, program = root / "examples" / "firmware" / "two_gates.c", tmp_path / "two_gates"
+    subprocess.run(["cc", "-O2", "-Wall", "-Werror", source, "-o", program], check=True, timeout=60)
+    setup, records = labeled_strokes(sensor="linear", count=4, kinds=["struck", "aftertouch"])
+    _, called = load_algorithm(f"stream:{program}")
+    strikes = score(called, records, setup).strikes
+    loud = strikes[strikes["speed"] > 1.25]
+    assert len(loud) >= 2
+    assert loud["speed_error"].abs().max() < 0.05
+    assert loud["time_error"].abs().max() < 1e-4
+
+
+def test_strokes_from_within_the_aftertouch_seldom_strike(grand):
+    gestures = list(random_gestures(Inversion(grand), 6, 2, ["aftertouch"]))
+    strikes = []
+    run_all(grand, (g.stroke for g in gestures), lambda _, run: strikes.append(len(truth_of(run))))
+    presses = [len(g.presses) for g in gestures]
+    assert sum(presses) >= 12
+    assert len(gestures) <= sum(strikes) <= len(gestures) + 2
+    refused(lambda: list(random_gestures(Inversion(grand), 1, 0, ["after"])), "near are aftertouch")
+
+
 def test_the_model_based_algorithm_has_half_the_error(few):
     setup, records = few
     simple, better = (score(f, records, setup) for f in (largest_derivative, model_based))
@@ -375,4 +449,8 @@ def test_commands(tmp_path):
     assert done.exit_code == 0, done.output
     assert "4 records" in done.output
     assert "no such file" in refusal("keyboard", "play", tmp_path / "none.mid")
-    assert "expected SPEED=VELOCITY" in refusal("keyboard", "sensor", "--curve", "3")
+    assert "expected goebl, SPEED=VELOCITY" in refusal("keyboard", "sensor", "--curve", "3")
+    done = command("keyboard", "stream", "--count", 1)
+    head, *_, last = done.output.splitlines()
+    assert head.startswith("# rate=8000 start=")
+    assert float(last.removeprefix("# ").split(",")[1]) > 0.1

@@ -63,6 +63,22 @@ def test_without_the_token_nothing_is_served(live, token):
     assert httpx.post(f"{base}/{token}/toml", headers=own(live)).status_code == 404
 
 
+def test_half_requests_without_the_token_do_not_keep_the_page_out(live):
+    host, port = live.address.split("/")[2].split(":")
+    lines = [socket.create_connection((host, int(port))) for _ in range(150)]
+    try:
+        for line in lines:
+            with contextlib.suppress(OSError):  # the older ones are closed already
+                line.sendall(b"GET /x/ HTTP/1.1\r\nHost: ")
+        assert httpx.get(live.address).status_code == 200
+        lines[0].settimeout(20.0)
+        with contextlib.suppress(ConnectionResetError):
+            assert lines[0].recv(10) == b""
+    finally:
+        for line in lines:
+            line.close()
+
+
 def test_other_hosts_and_other_origins_are_refused(live, client):
     assert httpx.get(live.address, headers={"host": "evil.example"}).status_code == 421
     assert httpx.get(live.address, headers={"origin": "http://evil.example"}).status_code == 403

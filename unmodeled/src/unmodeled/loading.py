@@ -20,6 +20,7 @@ from unmodeled.errors import InvalidParameter
 if TYPE_CHECKING:
     from unmodeled.data import Array, ReadOptions, Record, Sensor
     from unmodeled.data.mapping import Signals
+    from unmodeled.data.robots import Tell
     from unmodeled.fit import Effect, Model
 
 #: Group of the entry points of extensions.
@@ -69,20 +70,15 @@ class LoadedModel:
     """Function that makes the effects from the records; None: ``effects`` are all."""
     default: bool = False
     """Whether the effects are the default ones, :func:`unmodeled.candidates`."""
+    tell: Tell | None = None
+    """Function that gets the table of what the signals of a log of a robot became."""
 
     @property
     def signals(self) -> Signals:
         """Possible signals of the columns of a measured file."""
         from unmodeled.data.mapping import Signals
 
-        return Signals(
-            inputs=self.model.inputs,
-            outputs=self.model.outputs,
-            modes=self.model.input_modes,
-            units=self.model.units,
-            names=self.model.input_names,
-            any_inputs=self.model.any_inputs,
-        )
+        return Signals.of(self.model, self.tell)
 
     def read(self, data: Sequence[Path], options: ReadOptions | None = None) -> tuple[Record, ...]:
         """Read measured files as records of the model."""

@@ -284,6 +284,49 @@ def test_a_file_of_a_model_may_define_its_effects(tmp_path, made_by, text, known
     assert not _has_effects(None)
 
 
+def test_a_folder_is_written_whole_or_stays(report, rig, tmp_path, monkeypatch):
+    at = tmp_path / "case"
+    report.write(at)
+    (at / "mine.txt").write_text("mine")
+    before = {p: p.read_bytes() for p in at.rglob("*") if p.is_file()}
+    with pytest.raises(unmodeled.errors.FileExists, match=r"case.*exists already"):
+        report.write(at)
+
+    def ctrl_c(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr("unmodeled.report.case.write_petab", ctrl_c)
+        with pytest.raises(KeyboardInterrupt):
+            report.write(at, force=True)
+    assert {p: p.read_bytes() for p in at.rglob("*") if p.is_file()} == before
+    assert [p.name for p in tmp_path.iterdir()] == ["case"]
+    (tmp_path / "other.py").write_text(LINE)
+    model = unmodeled.load_model(f"{tmp_path / 'other.py'}:line", parameters=PRIOR, unknown=UNKNOWN)
+    model.model.diagnose(records()[:1], exclude=["*"]).write(at, force=True)
+    assert [p.name for p in (at / "model").iterdir()] == ["other.py"]  # not that of the old case
+    assert (at / "mine.txt").read_text() == "mine"
+    assert len([*(at / "records").iterdir()]) == 2
+
+
+def test_an_interrupted_diagnosis_has_an_exit_code_of_its_own(tmp_path, monkeypatch, capsys):
+    (tmp_path / "rig.py").write_text(LINE)
+    write_record(records()[0], tmp_path / "r.csv")
+    told = []
+
+    def interrupt(self, progress):
+        told.append(progress.stage)
+        if progress.stage == "search":
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("unmodeled.cli.screen.ProgressLine.__call__", interrupt)
+    code = run("diagnose", f"{tmp_path / 'rig.py'}:line", tmp_path / "r.csv", "--parameter",
+               "gain=2.1±0.2", "--unknown", "offset=m", "-o", tmp_path / "case")  # fmt: skip
+    assert code == 130
+    assert "interrupted" in capsys.readouterr().out
+    assert (tmp_path / "case" / "case.json").exists()
+
+
 # ------------------------------------------------------------------------- cases of strangers
 
 #: What replaces a value of a JSON file; the first stands for its removal.
@@ -407,7 +450,7 @@ def test_a_part_beside_the_folder_of_a_model_is_stored_and_listed(tmp_path):
     (tmp_path / "robot" / "arm.xml").write_text(ARM.format("../common/x.xml"))
     out, kept = tmp_path / "out" / "model", []
     out.parent.mkdir()
-    place, outside, left = _copy(tmp_path / "robot" / "arm.xml", out, kept, force=False)
+    place, outside, left = _copy(tmp_path / "robot" / "arm.xml", out, kept)
     assert (place, outside, left) == ("robot/arm.xml", ["common/x.xml"], [])
     assert sorted(kept) == [out / "common" / "x.xml", out / "robot" / "arm.xml"]
     assert {*parts_of(out / place).sizes} == {*kept}
@@ -426,7 +469,7 @@ def test_a_part_with_an_absolute_path_is_not_stored(tmp_path):
     source.write_text(ARM.format(tmp_path / "elsewhere" / "x.xml"))
     (tmp_path / "out").mkdir()
     kept = []
-    place, outside, left = _copy(source, tmp_path / "out" / "model", kept, force=False)
+    place, outside, left = _copy(source, tmp_path / "out" / "model", kept)
     assert (place, outside) == ("arm.xml", [])
     assert kept == [tmp_path / "out" / "model" / "arm.xml"]
     assert left == [f"{tmp_path / 'elsewhere' / 'x.xml'}, which arm.xml names by an absolute path"]

@@ -13,6 +13,7 @@ import pytest
 import unmodeled
 from unmodeled import Equations, check
 from unmodeled.cli import main
+from unmodeled.cli.screen import LateLine
 from unmodeled.data import ReadOptions, Record, Sensor, read_records, write_record
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter
@@ -590,3 +591,60 @@ def test_a_delay_is_finer_than_the_samples():
     late, left = _delay(time, np.sin(3.0 * (time - 0.0234)), np.sin(3.0 * time))
     assert late == pytest.approx(0.0234, abs=5e-4)
     assert left < 0.01
+
+
+# ---------------------------------------------------------------- what a check simulates
+
+
+def counted(runs):
+    """A function that counts its runs, with candidates without a size, and four records."""
+
+    def gain(time, inputs, parameters):
+        runs.append(parameters["k"])
+        return {"y": parameters["k"] * inputs["u"] + parameters["dry"] * np.sign(inputs["u"])}
+
+    parameters = {name: (1.0, 0.1, "1") for name in ("k", "a", "b", "c")}
+    model = unmodeled.Simulator(gain, parameters=parameters, unknown={"dry": "N", "bend": "N"})
+    time = np.arange(60) * 0.05
+    records = []
+    for k in range(4):
+        u = np.sin((k + 1.0) * time)
+        noise = 1e-3 * np.random.default_rng(k).standard_normal(60)
+        y = 1.1 * u - 3.0 * np.sin(9.0 * time) + noise
+        records.append(Record(name=f"r{k}", time=time, inputs={"u": u}, outputs={"y": y},
+                              sensors={"y": Sensor(name="y", sigma=1e-3)}))  # fmt: skip
+    return model, records
+
+
+def test_a_check_simulates_each_record_once_and_the_first_one_twice(monkeypatch):
+    """Of 29 runs, 24 were for sizes of candidates and steps of derivatives."""
+    monkeypatch.setattr("unmodeled.search.compare.TRIED", -1.0)  # no other clocks
+    runs, told = [], []
+    model, records = counted(runs)
+    found = check(model, records, progress=told.append)
+    assert len(runs) <= 6
+    assert found.rows[0].rms > 0.1
+    assert told[1] == "simulates r0, record 1 of 4"
+    before = len(runs)
+    model.ready(records)
+    assert len(runs) > before + 10  # a diagnosis sizes the candidates
+
+
+def test_a_check_tells_what_it_does_not_try(monkeypatch):
+    monkeypatch.setattr("unmodeled.search.compare.TRIED", -1.0)
+    model, records = counted([])
+    slow = [replace(r, time=60.0 * r.time) for r in records]
+    assert any("left out" in text and "another clock" in text for text in check(model, slow).notes)
+    monkeypatch.undo()
+    assert not any("left out" in text for text in check(model, slow).notes)
+
+
+def test_the_progress_of_a_check_is_shown_if_it_takes_long(capsys):
+    line = LateLine()
+    with line:
+        line("simulates r0")
+        line._timer.cancel()
+        assert capsys.readouterr().err == ""
+        line._begin()
+        line("simulates r1")
+    assert capsys.readouterr().err == "unmodeled: simulates r0\nunmodeled: simulates r1\n"

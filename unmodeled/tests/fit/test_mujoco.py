@@ -167,6 +167,7 @@ BOX = "<mujoco>{}<worldbody><body><joint name='j'/><geom size='1'/>{}</body></wo
 FIELD = '<asset><hfield name="h" nrow="{0}" ncol="{0}" size="1 1 1 1"/></asset>'
 
 PICTURE = '<asset><texture name="t" {}/></asset>'
+MOTOR = "<motor joint='j'/>"
 MANY = '<replicate count="1000">{}</replicate>'
 
 
@@ -178,6 +179,14 @@ MANY = '<replicate count="1000">{}</replicate>'
          "<texture t> has 8100000000 elements"),
         (BOX.format("", MANY.format(MANY.format("<site/>"))),
          "<replicate > has 1000000 elements; the limit is 20000"),
+        (BOX.format('<option timestep="0" iterations="1000000000"/>', ""),
+         "timestep = 0 s, expected at least 1e-09 s; iterations = 1000000000; the limit is 10000"),
+        (BOX.format('<option timestep="nan"/>', ""), "timestep = nan s"),
+        (BOX.format('<option timestep="-1" gravity="0 nan 0"/>', ""),
+         "timestep = -1 s, .*; gravity holds nan"),
+        (BOX.format("", "<body>" * 5000 + "</body>" * 5000), "more than 300 elements are inside"),
+        (BOX.format("", "").replace("</mujoco>", f"<actuator>{MOTOR * 501}</actuator></mujoco>"),
+         "501 actuators; the limit is 500"),
         (BOX.format('<include file="pipe.xml"/>', ""), "pipe.xml: is a device or a pipe"),
         (BOX.format('<asset><mesh file="pipe.xml"/></asset>', ""), "is a device or a pipe"),
         (BOX.format('<asset><mesh file="/dev/zero"/></asset>', ""), "/dev/zero: is a device"),

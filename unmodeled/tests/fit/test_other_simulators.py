@@ -241,6 +241,7 @@ def test_model_exchange_gives_the_numbers_of_fmpy(clocked, inputs, start, even):
         (b"no archive", "cannot be read as an FMU: File is not a zip file"),
         ({"modelDescription.xml": b"<x/>"}, "cannot be read as an FMU"),
         ({"modelDescription.xml": b" " * 100_000_001}, "modelDescription.xml has 100000001 bytes"),
+        ({str(k): b"" for k in range(10_001)}, "has 10001 files; the limit is 10000 files"),
         ({"big": 4_000_000_001}, "unpacked it has 4000000001 bytes; the limit is 4000000000"),
     ],
 )

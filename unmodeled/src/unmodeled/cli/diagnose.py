@@ -121,9 +121,10 @@ def run(
     MODEL is an FMU, a MuJoCo model (robot.xml), or a function of a Python file
     (model.py:cart).
 
-    Ctrl-C ends the search; the answer rests on the fits so far.
+    Ctrl-C ends the search; the answer rests on the fits so far, and the exit code is 130.
     """
     from unmodeled import diagnose
+    from unmodeled.search.result import Reason
 
     loaded = running.of(load_named(model, settings, stated=stated))
     folder, remedy = _places(out, loaded, force=force)
@@ -154,6 +155,8 @@ def run(
         title = f"{loaded.model.name}: diagnosis"
         say_written(report.write(folder, title=title, force=force))
     _remedy(report, remedy, alone=folder is None, force=force)
+    if Reason.INTERRUPTED in report.reasons:
+        click.get_current_context().exit(130)
 
 
 def _say_cached(report: Report) -> None:

@@ -23,12 +23,13 @@ from unmodeled.cli.options import (
     pairs,
     positive,
 )
-from unmodeled.cli.screen import complain
+from unmodeled.cli.screen import complain, console, table
 from unmodeled.errors import InvalidParameter
 from unmodeled.loading import LoadedModel, load_model
 
 if TYPE_CHECKING:
     from unmodeled.data import Record
+    from unmodeled.data.robots import Assigned
 
 # --- options -------------------------------------------------------------------------------------
 
@@ -298,7 +299,7 @@ def load_named(
 ) -> LoadedModel:
     """Model of the command line, see :func:`unmodeled.loading.load_model`."""
     stated = stated or StatedOptions((), (), "", 0.0, None)
-    return load_model(
+    loaded = load_model(
         name,
         pairs("--set", settings, "PATH=VALUE"),
         channels,
@@ -307,6 +308,17 @@ def load_named(
         running=stated.running,
         notify=complain,
     )
+    return replace(loaded, tell=_show_assigned)
+
+
+def _show_assigned(path: Path, rows: Sequence[Assigned]) -> None:
+    """Print what the signals of a log became, on stderr."""
+    heads = "=signal | =channel | =unit | >samples | >Hz | =guessed"
+    cells = [
+        (r.signal, r.channel or "(not used)", r.unit, str(r.samples), f"{r.rate:.4g}", r.guessed)
+        for r in rows
+    ]
+    console(stderr=True).print(table(f"{path.name}: its first run", heads, cells))
 
 
 def effects(

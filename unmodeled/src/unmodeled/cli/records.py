@@ -22,6 +22,7 @@ from unmodeled.cli.options import (
     pairs,
 )
 from unmodeled.cli.screen import (
+    LateLine,
     check_targets,
     complain,
     pretty,
@@ -75,7 +76,9 @@ def check(
     from unmodeled import check
 
     loaded = load_named(name, settings, stated=stated)
-    comparison = check(loaded.model, loaded.read(data, reading))
+    records = loaded.read(data, reading)
+    with LateLine() as line:
+        comparison = check(loaded.model, records, progress=line)
     if as_json:
         rows = [{k: None if isinstance(v, float) and not isfinite(v) else v for k, v in r.items()}
                 for r in comparison.frame.to_dict("records")]  # fmt: skip
@@ -112,7 +115,7 @@ def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:
     """The model, if the first argument is not a measured file, and the files."""
     from unmodeled.data.columns import MEASURED_FILES
 
-    if Path(given[0]).suffix.lower() in MEASURED_FILES:
+    if Path(given[0]).suffix.lower() in MEASURED_FILES or Path(given[0]).is_dir():
         return None, [Path(g) for g in given]
     if len(given) == 1:
         raise InvalidParameter(

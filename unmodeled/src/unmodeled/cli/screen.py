@@ -7,6 +7,7 @@ import json
 import math
 import os
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
@@ -246,6 +247,37 @@ class Line:
         """Clear the line."""
         if self._stage and is_terminal():
             redraw("")
+
+
+class LateLine(Line):
+    """Progress of what is usually quick: its first text is shown after two seconds."""
+
+    #: Time without a line [s].
+    QUIET = 2.0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._text, self._late = "", False
+        self._timer = threading.Timer(self.QUIET, self._begin)
+        self._timer.daemon = True
+
+    def __enter__(self) -> LateLine:
+        self._timer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._timer.cancel()
+        self.close()
+
+    def __call__(self, text: str) -> None:
+        """What begins."""
+        self._text = text
+        if self._late:
+            self.show(text, text)
+
+    def _begin(self) -> None:
+        self._late = True
+        self(self._text)
 
 
 #: Stages of a diagnosis in words.

@@ -16,12 +16,12 @@ from pathlib import Path
 
 import numpy as np
 
+from unmodeled.data.bags import read_messages
 from unmodeled.data.formats import (
     MOST_COLUMNS,
     add_block,
     read_frame,
     read_json_table,
-    read_messages,
     reading,
 )
 from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, workbook_lines
@@ -255,6 +255,7 @@ READERS: dict[str, Callable[[Path], Columns]] = {
     ".json": read_json_table,
     ".jsonl": read_json_table,
     ".mcap": read_messages,
+    ".db3": read_messages,
     ".tdms": read_tdms,
 }
 #: Endings of the files that can be read.

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from unmodeled.arguments import checked
 from unmodeled.chain.scales import unwrapped
 from unmodeled.data.columns import MEASURED_FILES, read_columns
+from unmodeled.data.logs import logs_of
 from unmodeled.data.mapping import (
     Signals,
     clock_column,
@@ -29,6 +30,7 @@ from unmodeled.data.mapping import (
     with_headed_units,
 )
 from unmodeled.data.records import Array, InputMode, Record, Sensor, StartPrior
+from unmodeled.data.robots import log_of_columns, records_of
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of
@@ -94,8 +96,7 @@ def read(
     options = options or ReadOptions()
     options = replace(options, units={**options.units, **(units or {})})
     if model is not None:
-        signals = Signals(model.inputs, model.outputs, model.input_modes, model.units,
-                          model.input_names, model.any_inputs)  # fmt: skip
+        signals = Signals.of(model)
         records = tuple(r for group in read_each(paths, signals, options) for r in group)
     elif outputs:
         records = read_records(paths, inputs=inputs, outputs=outputs, options=options)
@@ -111,6 +112,8 @@ def read(
 def _fitting(given: str | Path) -> list[Path]:
     """Files of a pattern or a folder; a file as it is."""
     path = Path(given)
+    if path.is_dir() and logs_of(path) is not None:
+        return [path]
     if path.is_dir():  # with other JSON files beside the measured ones
         there = path.iterdir()
     elif any(c in str(given) for c in "*?["):
@@ -253,6 +256,8 @@ def read_sheet(path: Path) -> Sheet | None:
 def _read_file(
     path: Path, signals: Signals, options: ReadOptions, columns: Columns | None = None
 ) -> tuple[Record, ...]:
+    if (robot := _read_robot(path, signals, options)) is not None:
+        return robot
     if not is_file(path):
         raise DataError(f"{path}: {why_missing(path)}")
     given = read_sheet(path)
@@ -269,6 +274,31 @@ def _read_file(
             f"there are {columns}"
         )
     return build_records(path, sheet, columns, signals.units, guessed=given is None)
+
+
+def _read_robot(path: Path, signals: Signals, options: ReadOptions) -> tuple[Record, ...] | None:
+    """Records of the log of a robot; None: it is none, or its columns were assigned."""
+    is_table = is_file(path) and path.suffix.lower() in MEASURED_FILES
+    other = path.suffix.lower() != ".json" and not signals.joints
+    if is_table and (other or read_sheet(path) is not None):
+        return None
+    logs = logs_of(path) if is_table or path.exists() else None
+    if logs is None and is_table and not options.columns:
+        columns = read_columns(path, strict=False)
+        clock = clock_column(columns)
+        if not clock or run_column(columns):
+            return None
+        time = _clock(Sheet(time=clock), columns, [])
+        others = {c: v for c, v in columns.values.items() if c != clock}
+        log = log_of_columns(path.stem, others, time, signals.joints, columns.units)
+        logs = None if log is None else [log]
+    if logs is None:
+        return None
+    given = {"columns": options.columns, "units": options.units}
+    records, table = records_of(path, logs, signals.joints, **given)
+    if signals.tell is not None:
+        signals.tell(path, table)
+    return records
 
 
 def build_records(

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from unmodeled.data.records import Array, InputMode
+from unmodeled.data.robots import Joint, Tell
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import InputSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.tables import plain_name
@@ -37,6 +38,16 @@ class Signals:
     """Other names."""
     any_inputs: bool = False
     """Whether every column that is no output is an input of its name."""
+    joints: Sequence[Joint] = ()
+    """Joints of a robot, to which those of a log are assigned."""
+    tell: Tell | None = field(default=None, compare=False)
+    """Function that gets the table of what was assigned."""
+
+    @classmethod
+    def of(cls, model: Any, tell: Tell | None = None) -> Signals:
+        """Those of a model."""
+        return cls(model.inputs, model.outputs, model.input_modes, model.units, model.input_names,
+                   model.any_inputs, model.joints, tell)  # fmt: skip
 
     def is_input(self, name: str) -> bool:
         """Whether a signal is an input of the model."""

@@ -13,7 +13,8 @@ import stat
 import tomllib
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -358,6 +359,47 @@ def write_file(path: Path, write: Callable[[Path], None], *, force: bool = False
         if temporary is not None:
             shutil.rmtree(temporary, ignore_errors=True)
     return path
+
+
+@contextmanager
+def whole_folder(
+    folder: Path, *, force: bool = False, replaced: Iterable[Path] = ()
+) -> Iterator[Path]:
+    """A hidden folder beside ``folder``, whose files get their places in it when the block ends.
+
+    If the block fails or is interrupted, ``folder`` is as it was.
+
+    Parameters
+    ----------
+    folder
+        Folder of results, which exists.
+    force
+        Whether existing files are replaced; else none is written if one exists.
+    replaced
+        Files of ``folder`` that are removed unless the block wrote them again.
+    """
+    hidden = folder.absolute().parent / f".unmodeled{secrets.token_hex(8)}"
+    new = hidden / (folder.name or "results")
+    try:
+        new.mkdir(parents=True)
+        yield new
+        written = {p.relative_to(new): p for p in sorted(new.rglob("*"))}
+        for place, path in written.items():
+            target = beside(folder, str(place), str(folder))
+            if not path.is_dir() and target.parent.is_dir():
+                check_writable(target, force=force)
+        for path in replaced:
+            if path.relative_to(folder) not in written:
+                path.unlink(missing_ok=True)
+        for place, path in written.items():
+            if path.is_dir():
+                (folder / place).mkdir(exist_ok=True)
+            else:
+                path.replace(folder / place)
+    except OSError as error:
+        raise Error(f"{folder}: cannot be written: {error.strerror or error}") from None
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
 
 
 def write_text(path: Path, text: str, *, force: bool = False) -> Path:

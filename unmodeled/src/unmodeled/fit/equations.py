@@ -254,6 +254,12 @@ class Equations(Model):
         """States, followed by the hidden states of the included effects."""
         return self._states + tuple(h for t in included for h in t.effect.hidden)
 
+    def tabulated(self) -> Equations:
+        """See :class:`~unmodeled.fit.Model`."""
+        out = copy.copy(self)
+        out._unsized = frozenset()
+        return out
+
     def ready(self, records: Sequence[Record]) -> Ready:
         """Choose the substeps and the interpolation of the inputs for the records."""
         if self._resolved:

@@ -19,7 +19,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, message, near_names
-from unmodeled.files import LARGEST_FILE, LARGEST_JSON, NPZ_FAULTS, open_input
+from unmodeled.files import LARGEST_FILE, NPZ_FAULTS, open_input
 from unmodeled.fit.model import Origin
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
@@ -28,6 +28,8 @@ from unmodeled.units import spelled_unit
 #: Relative tolerance of model exchange: derivatives are differences of runs, and the integrator
 #: starts anew at each sample with inputs (errors of 1e-5 at 200 samples).
 RTOL = 1e-8
+#: Largest number of files in an FMU, and size of its description [bytes], some 200 000 variables.
+MOST_ENTRIES, LARGEST_TEXT = 10_000, 30_000_000
 #: Held by the only thread that unpacks an FMU, or runs one that is instantiated once in a process.
 _ALONE = threading.Lock()
 
@@ -63,6 +65,8 @@ class _Fmu:
         self.units: dict[str, str] = {}
         self.values: dict[str, float | None] = {}
         self.limits: dict[str, tuple[float, float]] = {}
+        self.whole: Any = None
+        """Description with all variables, whose reading takes seconds; None: not read yet."""
         self._folder = ""
         self._description: Any = None
         self._loaded: Any = None
@@ -75,7 +79,7 @@ class _Fmu:
         return f"{self.path.name} sha256 {sha256} {own}"
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "_folder": "", "_description": None, "_loaded": None}
+        return {**vars(self), "_folder": "", "whole": None, "_description": None, "_loaded": None}
 
     def __call__(
         self, time: Array, inputs: Mapping[str, Array], parameters: Mapping[str, float]
@@ -85,7 +89,7 @@ class _Fmu:
             if not self._folder:
                 self._folder = _unpacked(self.path)
                 weakref.finalize(self, shutil.rmtree, self._folder, ignore_errors=True)
-                whole = fmpy.read_model_description(self._folder, validate=False)
+                whole = self.whole or fmpy.read_model_description(self._folder, validate=False)
                 used = {*inputs, *parameters, *self.outputs}
                 own = [v for v in whole.modelVariables if v.name in used]
                 self._description = copy.copy(whole)
@@ -342,13 +346,17 @@ def _check_size(path: Path) -> None:
     with open_input(path, most=LARGEST_FILE, error=InvalidParameter) as file:
         try:
             with zipfile.ZipFile(file) as archive:
-                sizes = {entry.filename: entry.file_size for entry in archive.infolist()}
+                entries = archive.infolist()
         except NPZ_FAULTS as error:
             raise InvalidParameter(f"{path}: cannot be read as an FMU: {error}") from None
+    if len(entries) > MOST_ENTRIES:
+        told = f"has {len(entries)} files; the limit is {MOST_ENTRIES} files"
+        raise InvalidParameter(f"{path}: {told}")
+    sizes = {e.filename: e.file_size for e in entries}
     text = "modelDescription.xml"
     for what, size, most in (
-        ("unpacked it", sum(sizes.values()), LARGEST_FILE),
-        (f"its {text}", sizes.get(text, 0), LARGEST_JSON),
+        ("unpacked it", sum(e.file_size for e in entries), LARGEST_FILE),
+        (f"its {text}", sizes.get(text, 0), LARGEST_TEXT),
     ):
         if size > most:
             raise InvalidParameter(f"{path}: {what} has {size} bytes; the limit is {most} bytes")
@@ -427,6 +435,7 @@ def fmu(
     )
     notices = _notices(run_as, variables, inputs, listed)
     function = _Fmu(path, tuple(outputs), run_as, hold, at_end, notices)
+    function.whole = description
     function.units = {n: _unit(v) for n, v in variables.items()}
     function.values = {n: _start(v) for n, v in variables.items()}
     function.limits = _limits(variables, listed)

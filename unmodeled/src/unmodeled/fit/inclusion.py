@@ -163,6 +163,12 @@ class Including(Model):
         base = self.base.ready(records)
         return replace(base, model=self._with(base.model))
 
+    def tabulated(self) -> Including:
+        """See :class:`~unmodeled.fit.Model`."""
+        out = self._with(self.base.tabulated())
+        out.parameters = self.parameters
+        return out
+
     def _by(self, means: Means) -> Including:
         out = self._with(self.base._by(means))
         out.parameters = self.parameters

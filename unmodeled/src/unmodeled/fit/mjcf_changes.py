@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from unmodeled.data import Array
+from unmodeled.data.robots import Joint
 from unmodeled.errors import InvalidParameter
 
 #: Share of the inertia of a joint that its backlash joint gets as armature; time constant of the
@@ -397,3 +398,20 @@ def controls(model: Any) -> dict[str, int]:
         for i in range(model.nactuator)
         if (name := model.actuator(i).name)
     }
+
+
+def joints_of(model: Any) -> tuple[Joint, ...]:
+    """Hinges and slides with the actuators that act on them, in their order."""
+    mj = import_mujoco()
+    drives: dict[int, str] = {}
+    for i in range(model.nactuator):
+        if int(model.actuator_trntype[i]) == int(mj.mjtTrn.mjTRN_JOINT) and model.actuator(i).name:
+            drives.setdefault(int(model.actuator_trnid[i, 0]), model.actuator(i).name)
+    found = []
+    for i in range(model.njnt):
+        if model.jnt_type[i] >= 2 and (name := model.joint(i).name):
+            hinge = int(model.jnt_type[i]) == int(mj.mjtJoint.mjJNT_HINGE)
+            low, high = model.jnt_range[i] if model.jnt_limited[i] else (-np.inf, np.inf)
+            unit = "rad" if hinge else "m"
+            found.append(Joint(name, drives.get(i, ""), unit, float(low), float(high)))
+    return tuple(found)

@@ -162,7 +162,7 @@ def nearest(starts: Sequence[Mapping[str, tuple[float, float]]], known: Mapping[
     """Name of the pose that is nearest to the first positions of all records."""
 
     def off(name: str) -> float:
-        return sum((m - known[name][n]) ** 2 for s in starts for n, (m, _) in s.items()
+        return sum(float(m - known[name][n]) ** 2 for s in starts for n, (m, _) in s.items()
                    if n.endswith(POSITION))  # fmt: skip
 
     return min(known, key=off)  # the first of equal ones: the pose of the file

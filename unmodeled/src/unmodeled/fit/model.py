@@ -20,6 +20,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, InputMode, Record, StartPrior
+from unmodeled.data.robots import Joint
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, write_text
 from unmodeled.fit.calling import Means
@@ -508,6 +509,8 @@ class Model(ABC):
     """Other names of inputs in measured files, for example the names in a run of the model."""
     any_inputs: bool = False
     """Whether every column of a measured file that is no output is an input of this name."""
+    joints: tuple[Joint, ...] = ()
+    """Joints of a robot, by which its logs are read."""
     ports: tuple[Port, ...] = ()
     """Places where unknown forces may act; empty: no test of unknown forces."""
     difference_step: float = 1e-3
@@ -699,6 +702,10 @@ class Model(ABC):
         prepared model is returned unchanged.
         """
         return Ready(self, tuple(records))
+
+    def tabulated(self) -> Model:
+        """The model for a simulation with its tabulated numbers: :meth:`ready` sizes no effect."""
+        return self
 
     @property
     def text(self) -> str:

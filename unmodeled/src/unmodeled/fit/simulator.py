@@ -206,7 +206,7 @@ class Simulator(Model):
         self.function = function
         self._runner = self._new_runner()
         self._steps: dict[str, Step] = {}
-        self._ready = False
+        self._ready, self._varied = False, True
         again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
         self.origin = Origin("Simulator", "", {**again, "name": name})
 
@@ -288,6 +288,12 @@ class Simulator(Model):
             )
         return own or super().accepts(effect)
 
+    def tabulated(self) -> Simulator:
+        """See :class:`~unmodeled.fit.Model`: derivatives get no steps either."""
+        out = copy.copy(self)
+        out._varied = False
+        return out
+
     def ready(self, records: Sequence[Record]) -> Ready:
         """Test the function at the priors and choose steps of finite differences for these records.
 
@@ -313,10 +319,11 @@ class Simulator(Model):
         if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
             runner.start()
         runner.values([self._run(r, prior) for r in records], must=True)
-        out = copy.copy(self)
-        with runner.trying():
-            out.effects, sizes = sized(self, self.effects, self._unsized, records)
-        out._steps, notes = out._chosen_steps(records[0], again)
+        out, sizes, notes = copy.copy(self), list[str](), list[str]()
+        if self._varied:
+            with runner.trying():
+                out.effects, sizes = sized(self, self.effects, self._unsized, records)
+            out._steps, notes = out._chosen_steps(records[0], again)
         out._ready = True
         notes += [*self._converted, *assumed, *sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))

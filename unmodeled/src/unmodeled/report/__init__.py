@@ -19,7 +19,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
-from unmodeled.files import make_folder, write_text
+from unmodeled.files import make_folder, whole_folder, write_text
 from unmodeled.fit.model import Candidate, Effect, Model
 from unmodeled.report.figures import correlation, residual_force, residuals, svg, waterfall
 from unmodeled.report.why import why
@@ -709,13 +709,16 @@ class Report(Result):
         force
             False: existing files are not overwritten.
         """
+        from unmodeled.report.case import files_of_case
+
         at = make_folder(folder)
-        write_text(at / "report.json", self.to_json(), force=force)
-        write_text(at / "report.txt", self.text() + "\n", force=force)
-        page = write_text(at / "report.html", self.html(title), force=force)
-        if self.case is not None:
-            self.case.write(at, self, force=force)
-        return page
+        with whole_folder(at, force=force, replaced=files_of_case(at)) as new:
+            write_text(new / "report.json", self.to_json())
+            write_text(new / "report.txt", self.text() + "\n")
+            page = write_text(new / "report.html", self.html(title))
+            if self.case is not None:
+                self.case.write(new, self)
+        return at / page.name
 
 
 # ------------------------------------------------------------------- the model with what was found

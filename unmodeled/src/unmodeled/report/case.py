@@ -15,15 +15,19 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from unmodeled.data import Record, write_record
+from unmodeled.errors import InvalidParameter
 from unmodeled.files import (
     LARGEST_FILE,
-    check_writable,
+    beside,
     is_file,
     make_folder,
     open_input,
     package_digest,
     read_input,
+    read_json,
     read_text,
     write_file,
     write_text,
@@ -33,7 +37,7 @@ from unmodeled.fit.mjcf_parts import MJCF, Parts, parts_of
 from unmodeled.fit.model import Candidate, Effect, Model, Origin, Ready
 from unmodeled.lazy import lazy_import
 from unmodeled.report.petab import write_petab
-from unmodeled.report.stored import FORMAT, VERSION, as_stored
+from unmodeled.report.stored import FORMAT, VERSION, Stored, as_stored
 from unmodeled.search.options import Options
 from unmodeled.search.result import Result
 
@@ -56,27 +60,24 @@ class Given:
     hold_out: Sequence[str] | str | None
     options: Options
 
-    def write(self, folder: Path, result: Result, *, force: bool) -> None:
+    def write(self, folder: Path, result: Result) -> None:
         """Write case.json, README.txt, and the folders records, model and petab.
 
         Parameters
         ----------
         folder
-            Folder with the report.
+            New folder with the report.
         result
             Result of the diagnosis.
-        force
-            False: existing files are not overwritten.
         """
-        check_writable(folder / "case.json", force=force)
         kept: list[Path] = []
-        rows = [self._record(folder, k, kept, force=force) for k in range(len(self.records))]
+        rows = [self._record(folder, k, kept) for k in range(len(self.records))]
         base, included = _without_included(self.model)
         origin, why = _origin_of(base)
         copied, left = "", [why] if why else []
         outside: list[str] = []
         if origin is not None and is_file(source := Path(file_and_name(origin.name)[0])):
-            copied, outside, more = _copy(source, folder / "model", kept, force=force)
+            copied, outside, more = _copy(source, folder / "model", kept)
             left += more
         chosen_effects = lazy_import("unmodeled.library.defaults:chosen_effects")
         default = {
@@ -117,19 +118,19 @@ class Given:
         }
         text = _readme(folder.name, stored)
         known = self.model.parameters, self.tested
-        write_petab(folder / "petab", result, *known, force=force)
+        write_petab(folder / "petab", result, *known, force=False)
         kept.append(folder / "report.json")
         stored["sha256"] = {p.relative_to(folder).as_posix(): sha256_of(p) for p in kept}
         whole = json.dumps(stored, indent=1, ensure_ascii=False, allow_nan=False)
-        write_text(folder / "case.json", whole + "\n", force=force)
-        write_text(folder / "README.txt", text, force=force)
+        write_text(folder / "case.json", whole + "\n")
+        write_text(folder / "README.txt", text)
 
-    def _record(self, folder: Path, k: int, kept: list[Path], *, force: bool) -> dict[str, Any]:
+    def _record(self, folder: Path, k: int, kept: list[Path]) -> dict[str, Any]:
         """Write a record, and tell how it is read again."""
         record = self.records[k]
         slug = re.sub(r"[^0-9A-Za-z_.-]+", "_", record.name)[:60].strip("._") or "record"
         path = make_folder(folder / "records") / f"{k + 1:02d}_{slug}.csv"
-        kept += [write_record(record, path, force=force), path.with_suffix(".toml")]
+        kept += [write_record(record, path), path.with_suffix(".toml")]
         own = {"inputs": [*record.inputs], "outputs": [*record.outputs]}
         return {"file": f"records/{path.name}", "name": record.name, **own}
 
@@ -190,9 +191,7 @@ def _origin_of(model: Model) -> tuple[Origin | None, str]:
     return (origin, why) if origin is not None else (None, why)
 
 
-def _copy(
-    source: Path, folder: Path, kept: list[Path], *, force: bool
-) -> tuple[str, list[str], list[str]]:
+def _copy(source: Path, folder: Path, kept: list[Path]) -> tuple[str, list[str], list[str]]:
     """Copy the file of a model, and the files that it names, as they lie beside one another.
 
     Returns its place in the folder, the places of the files that are outside its own folder, and
@@ -207,7 +206,7 @@ def _copy(
         for parent in reversed(target.relative_to(folder.parent).parents[:-1]):
             make_folder(folder.parent / parent)
         data = read_input(path, most=LARGEST_FILE)
-        kept.append(write_file(target, partial(_put, data=data), force=force))
+        kept.append(write_file(target, partial(_put, data=data)))
     outside = [p for p in own if not p.is_relative_to(source.parent)]
     left = [f"{p}, which {source.name} names by an absolute path" for p in sorted(parts.absolute)]
     places = (p.relative_to(base).as_posix() for p in (source, *sorted(outside)))
@@ -216,6 +215,18 @@ def _copy(
 
 def _put(path: Path, data: bytes) -> None:
     path.write_bytes(data)
+
+
+def files_of_case(folder: Path) -> list[Path]:
+    """Files of an earlier case in a folder, as they were written."""
+    if not is_file(folder / "case.json"):
+        return []
+    try:
+        digests = Stored.model_validate(read_json(folder / "case.json")).sha256
+        files = {beside(folder, n, "case.json"): d for n, d in digests.items()}
+    except (InvalidParameter, ValidationError):
+        return []  # of another version or another program
+    return [p for p, digest in files.items() if is_file(p) and sha256_of(p) == digest]
 
 
 def sha256_of(path: Path) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+#: Limit of simulations with other clocks, units and columns in a check [s].
+TRIED = 3.0
 #: Largest number of alignments of clocks; smallest standard deviation of their offset [s].
 ALIGNMENTS, CLOCK_SD = 4, 2e-3
 
@@ -72,11 +75,17 @@ class Comparison:
 
 
 @checked
-def check(model: Model, records: Sequence[Record] | Record) -> Comparison:
+def check(
+    model: Model,
+    records: Sequence[Record] | Record,
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> Comparison:
     """Simulate the inputs of records with the tabulated parameters, and compare the outputs.
 
-    No parameter is fitted. A start state that is not known is the one that fits the beginning of
-    the record best.
+    No parameter is fitted, and no candidate gets a size. A start state that is not known is the one
+    that fits the beginning of the record best. Where a record differs, other clocks, units and
+    columns are simulated for at most 3 s; a note tells if some were left out.
 
     Parameters
     ----------
@@ -84,6 +93,8 @@ def check(model: Model, records: Sequence[Record] | Record) -> Comparison:
         Model of the machine.
     records
         Measured runs; at least one.
+    progress
+        Is called with what is simulated next.
 
     Raises
     ------
@@ -92,7 +103,9 @@ def check(model: Model, records: Sequence[Record] | Record) -> Comparison:
     InvalidParameter
         The model gives no finite outputs.
     """
-    return _finite(model, compared(ready_records(model, records)))
+    tell = progress or (lambda _: None)
+    tell("prepares the model and the records")
+    return _finite(model, compared(ready_records(model.tabulated(), records), TRIED, tell))
 
 
 def _finite(model: Model, found: Comparison) -> Comparison:
@@ -185,18 +198,53 @@ def _own_delay(ready: Ready, channels: Sequence[str]) -> tuple[float, str]:
     )
 
 
-def compared(ready: Ready) -> Comparison:
-    """Compare a prepared model with its records; see :func:`check`."""
-    model = ready.model
-    runs = [(r, simulated(model, r)) for r in ready.records]
+def compared(
+    ready: Ready, seconds: float = math.inf, tell: Callable[[str], None] = lambda _: None
+) -> Comparison:
+    """Compare a prepared model with its records; see :func:`check`.
+
+    ``seconds``: limit of simulations with other clocks, units and columns.
+    """
+    model, runs, trials = ready.model, [], _Trials(ready.model, seconds)
+    for k, r in enumerate(ready.records, 1):
+        tell(f"simulates {r.name}, record {k} of {len(ready.records)}")
+        runs.append((r, trials.timed(r)))
+    tell("compares other clocks, units and columns")
     rows = tuple(
         row_of(r, name, y[name]) for r, y in runs for name in r.outputs if name in model.outputs
     )
-    notes = [*ready.notes, *_not_finite(runs)]
-    return Comparison(
-        model.name, rows, hints(model, runs, rows), ready.records, {r.name: y for r, y in runs},
-        tuple(notes),
-    )  # fmt: skip
+    told = hints(model, runs, rows, trials)
+    left_out = [
+        f"left out, because it would take more than {seconds:g} s: whether the model follows the "
+        "records with another clock, unit or order of columns"
+    ] * trials.left_out
+    notes = (*ready.notes, *_not_finite(runs), *left_out)
+    return Comparison(model.name, rows, told, ready.records, {r.name: y for r, y in runs}, notes)
+
+
+class _Trials:
+    """Simulations of changed records, none of which begins that would end after a limit of time."""
+
+    def __init__(self, model: Model, seconds: float):
+        self._model, self._rest, self._longest = model, seconds, 0.0
+        self.left_out = False
+
+    def timed(self, record: Record, theta: Array | None = None) -> dict[str, Array]:
+        """Outputs of the model for a record."""
+        begin = time.monotonic()
+        outputs = simulated(self._model, record, theta)
+        self._longest = max(self._longest, time.monotonic() - begin)
+        return outputs
+
+    def __call__(self, record: Record, theta: Array | None = None) -> dict[str, Array] | None:
+        """The same; None: it is left out."""
+        self.left_out |= self._longest > self._rest
+        if self.left_out:
+            return None
+        begin = time.monotonic()
+        outputs = self.timed(record, theta)
+        self._rest -= time.monotonic() - begin
+        return outputs
 
 
 def refuse(found: Comparison) -> None:
@@ -419,14 +467,14 @@ _FACTORS: Mapping[str, tuple[float, ...]] = {
 _CLOCKS = (60.0, 1.0 / 60.0, 1e-3, 1e3, 3600.0, 1.0 / 3600.0)
 
 
-def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...]:
+def hints(model: Model, runs: Runs, rows: Sequence[Compared], trials: _Trials) -> tuple[Hint, ...]:
     """Hints about the differences; a certain one rests on parameters with small tolerances."""
-    if certain := [*_wraps(runs), *_as_stated(model, runs), *_elsewhere(model, runs)]:
+    if certain := [*_wraps(runs), *_as_stated(model, runs, trials), *_elsewhere(model, runs)]:
         return tuple(certain)
     size = _size_of_tolerances(model)
     found: list[Hint] = []
     if math.isfinite(size):
-        found += _follows(model, runs, _clocks(model))
+        found += _follows(runs, _clocks(model), trials)
         if not found:
             units = [*_units(rows)]
             known = {n for h in units for n in h.channels}  # as good an explanation as an exchange
@@ -434,7 +482,7 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared]) -> tuple[Hint, ...
             taken = {n for h in found for n in h.channels}
             found += [h for h in units if not taken & {*h.channels}]
         if not found:
-            found += _follows(model, runs, [*_inputs(model, runs), *_scales(rows)])
+            found += _follows(runs, [*_inputs(model, runs), *_scales(rows)], trials)
     if size > ANY_SIZE:
         found = [replace(h, sure=False) for h in found]
     return tuple(found or _delays(rows))
@@ -481,7 +529,7 @@ def _elsewhere(model: Model, runs: Runs) -> Iterator[Hint]:
         )  # fmt: skip
 
 
-def _as_stated(model: Model, runs: Runs) -> Iterator[Hint]:
+def _as_stated(model: Model, runs: Runs, trials: _Trials) -> Iterator[Hint]:
     """Whether the records contradict the conversion of parameters to SI.
 
     With the numbers as they are stated, the model follows the records, and with SI it does not.
@@ -491,8 +539,10 @@ def _as_stated(model: Model, runs: Runs) -> Iterator[Hint]:
     theta = np.array([p.value / model.converted.get(p.name, (1.0, ""))[0]
                       for p in model.parameters])  # fmt: skip
     try:
-        other = [(r, simulated(model, r, theta)) for r, _ in runs]
+        other = [(r, y) for r, _ in runs if (y := trials(r, theta)) is not None]
     except Error:  # it needs other values
+        return
+    if len(other) < len(runs):
         return
 
     def missed(run: tuple[Record, Mapping[str, Array]]) -> float:
@@ -600,9 +650,7 @@ def _left(record: Record, outputs: Mapping[str, Array]) -> float:
 
 
 def _follows(
-    model: Model,
-    runs: Runs,
-    others: Iterable[tuple[Hint, Callable[[Record], Record]]],
+    runs: Runs, others: Iterable[tuple[Hint, Callable[[Record], Record]]], trials: _Trials
 ) -> list[Hint]:
     """The change of the records with which the model follows all of them far better, if any."""
     runs = [(r, y) for r, y in runs if r.start is None or r.start.known]
@@ -614,8 +662,10 @@ def _follows(
     for hint, changed in others:
         left: list[float] = []
         for (record, _), limit in zip(runs, most, strict=True):
-            other = changed(record)
-            left.append(_left(record, simulated(model, other)))
+            outputs = trials(changed(record))
+            if outputs is None:
+                return best
+            left.append(_left(record, outputs))
             if not left[-1] < limit:
                 break
         else:
