@@ -99,7 +99,12 @@ def diagnose(
         refuse(before)
         problem = prepare(ready, tested, hold_out, options)
         by_us = hold_out is None and not any(r.role == "held_out" for r in ready.records)
-        notes = (*_clocks(problem), *before.notes, *(h.text for h in before.hints))
+        notes = (
+            *_clocks(problem),
+            *_servos(problem, options),
+            *before.notes,
+            *(h.text for h in before.hints),
+        )
         problem = replace(problem, notes=())
         if varies(problem):
             problem = with_variation(problem)
@@ -138,6 +143,18 @@ def _split(problem: Problem) -> tuple[str, ...]:
         f"held out: {names}, chosen before any fit from the ranges of inputs and outputs "
         "(hold_out=)",
     )
+
+
+def _servos(problem: Problem, options: Options) -> Iterator[str]:
+    """Notes about what matters of outputs that a controller leads to an input."""
+    rows = zip(problem.names, problem.units, problem.motion, problem.compared, strict=True)
+    for name, unit, motion, own in rows:
+        if own < motion and not {name, unit} & {*options.good_enough}:
+            size = options.matters(name, unit, own)
+            yield (
+                f"{name}: more than {size:.2g} {unit} matters, 1 % of the rms of its goal minus "
+                "it, because a servo leads it there; good_enough= states another size"
+            )
 
 
 def _clocks(problem: Problem) -> Iterator[str]:

@@ -16,7 +16,7 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
-from unmodeled.fit.mjcf_changes import controls, joints_of, place_of_payload
+from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.mjcf_start import (
@@ -346,6 +346,7 @@ def mujoco(
     )
     out.mjcf = function
     out.joints = joints_of(function.model)
+    out.follows = followed(function.model)
     out.origin = Origin("mujoco", str(path), {**again, **how})
     out._jumps = frozenset(n for n in known if n.endswith(".backlash"))
     out.effects = tuple(_placed(e, function) for e in out.effects)

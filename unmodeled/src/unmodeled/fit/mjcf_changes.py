@@ -415,3 +415,16 @@ def joints_of(model: Any) -> tuple[Joint, ...]:
             unit = "rad" if hinge else "m"
             found.append(Joint(name, drives.get(i, ""), unit, float(low), float(high)))
     return tuple(found)
+
+
+def followed(model: Any) -> dict[str, str]:
+    """Positions of joints that a servo leads to its goal, with the name of its actuator."""
+    own = {j.actuator: j.name for j in joints_of(model) if j.actuator}
+    servos = [
+        (name, own[name])
+        for i in range(model.nactuator)
+        if (name := model.actuator(i).name) in own
+        and model.actuator_gainprm[i, 0] != 0.0
+        and model.actuator_biasprm[i, 1] == -model.actuator_gainprm[i, 0]
+    ]
+    return {out: name for name, joint in servos for out in (joint, f"{joint}.position")}

@@ -523,6 +523,9 @@ class Model(ABC):
     points."""
     origin: Origin | None = None
     """How it is made again, for a case that others repeat; None: by a script."""
+    follows: Mapping[str, str] = MappingProxyType({})
+    """Outputs that a controller leads to an input, with the name of this input: what matters is a
+    share of input minus output, not of the motion."""
 
     @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:

@@ -326,5 +326,5 @@ def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) 
 
 def what_matters(problem: Problem, options: Options) -> Array:
     """Residual from which on it matters by channel [its unit], (m,)."""
-    rows = zip(problem.names, problem.units, problem.motion, strict=True)
+    rows = zip(problem.names, problem.units, problem.compared, strict=True)
     return np.array([max(options.matters(*row), 1e-300) for row in rows])

@@ -26,7 +26,7 @@ class Options:
     other causes of the library [1]."""
     good_enough: Mapping[str, float] = field(default_factory=dict)
     """Residual that does not matter, by output or by unit (``{"m": 2e-4}``) [SI]; for others, 1 %
-    of the motion."""
+    of the motion, or of input minus output where a servo leads the output to an input."""
     prior: float = 0.5
     """Prior probability that the model lacks an effect of the list [1]."""
     seconds: float = 120.0
@@ -41,9 +41,9 @@ class Options:
     about theirs, as those of a new machine; ``"kept"``: few do, as after a repair; ``"auto"``: the
     records decide."""
 
-    def matters(self, name: str, unit: str, motion: float) -> float:
+    def matters(self, name: str, unit: str, compared: float) -> float:
         """Residual of an output from which on it matters [unit of the output]."""
-        return self.good_enough.get(name, self.good_enough.get(unit, GOOD_ENOUGH * motion))
+        return self.good_enough.get(name, self.good_enough.get(unit, GOOD_ENOUGH * compared))
 
     def __post_init__(self) -> None:
         faults = []

@@ -26,6 +26,8 @@ RELEASED = 5.0
 UNKNOWN_START = 1e3
 #: Deviation of a parameter that keeps its tabulated value, in standard deviations of its prior.
 NARROW = 0.1
+#: Share of the motion below which nothing is compared: a simulation is not more exact.
+SIMULATED = 0.01
 #: Number of samples as which a discrepancy counts for a name, and for the search: it also collects
 #: sets that predict better without being surely the cause.
 STRICT, TRUSTED = 20.0, 60.0
@@ -243,6 +245,23 @@ class Problem:
     def motion(self) -> Array:
         """Rms of each channel about its mean in the fitted records [its unit], (m,)."""
         return spread(self.fit)
+
+    @cached_property
+    def compared(self) -> Array:
+        """Rms of what a residual of each channel is compared with [its unit], (m,).
+
+        It is the motion, or input minus output where a controller leads the output to an input.
+        """
+        out = self.motion.copy()
+        for c, name in enumerate(self.names):
+            goal = self.model.follows.get(name)
+            if goal is None or not all(goal in o.record.inputs for o in self.fit):
+                continue
+            gaps = [o.record.inputs[goal] - o.measured[:, c] for o in self.fit]
+            known = np.concatenate([g[o.valid[:, c]] for g, o in zip(gaps, self.fit, strict=True)])
+            if known.size:
+                out[c] = min(out[c], float(np.sqrt(np.mean(known**2))))
+        return np.asarray(np.maximum(out, SIMULATED * self.motion))
 
     @cached_property
     def noise(self) -> Array:

@@ -799,7 +799,7 @@ def _channels(answer: Answer, options: Options) -> tuple[Channel, ...]:
             float(explained[c]),
             float(held[0][c]),
             float(held[1][c]),
-            options.matters(name, unit, float(problem.motion[c])),
+            options.matters(name, unit, float(problem.compared[c])),
             float(fitted[c]),
         )
         for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True))
