@@ -165,11 +165,14 @@ def _falls(result: Result, told: Sequence[Change], before: str, after: str) -> s
     those = {1: "this", 2: "both"}.get(len(told), f"all {len(told)}")
     if not math.isfinite(c.tabulated):
         found = f"with {those}, the residual of {c.name} is {after} of its motion"
-    elif before == after:  # another output shows it
+    elif before == after or c.explained >= c.tabulated:  # another output shows it
         found = f"with {those}, {after} of the motion of {c.name} is left"
     else:
-        found = f"with {those}, the residual of {c.name} falls from {before} to {after} of its "
-        found += "motion"
+        own = ""
+        if c.calibrated < 0.5 * c.tabulated and all(x.kind != "parameter" for x in told):
+            own = f" ({part(c, c.calibrated)} with fitted parameters)"  # no credit for these
+        found = f"with {those}, the residual of {c.name} falls from {before}{own} to {after} of "
+        found += "its motion"
     first = joined(words, ", and").replace(" , and", ", and")
     first = f"{first[:1].upper()}{first[1:]}: {found}."
     if unsure := joined([x.name for x in told if x.tier == "supported"], "or"):
@@ -249,7 +252,8 @@ def _remains(result: Result) -> str:
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
         rest, enough = times_noise(c) or part(c, c.explained), part(c, c.limit)
-        return f"The rest, {rest}, is less than what is good enough ({enough})."
+        enough = "" if enough == rest else f" ({enough})"
+        return f"The rest, {rest}, is less than what is good enough{enough}."
     c = max(material, key=lambda c: c.explained / c.limit)
     more = f" (and {len(material) - 1} more)" if len(material) > 1 else ""
     left, enough = part(c, c.explained), part(c, c.limit)
@@ -290,9 +294,12 @@ def _item(c: Change) -> str:
         sure = f"{100.0 * c.probability:.0f}"
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
-        lost = math.isinf(c.before)
-        less = "the simulation fails without it" if lost else f"{percent(c.before)} without it"
-        notes.append(f"{percent(c.after)} of the motion of {c.channel} is left, and {less}")
+        lost, before, after = math.isinf(c.before), percent(c.before), percent(c.after)
+        less = "the simulation fails without it" if lost else f"{before} without it"
+        left = f"{after} of the motion of {c.channel} is left, and {less}"
+        if before == after:
+            left = f"it takes away {percent(c.takes)} of the motion of {c.channel}"
+        notes.append(left)
     if len(c.by_record) > 1:
         factor, _ = scale(c.low, c.high, c.unit, relative=c.relative)
         shown, half = factor * (sign_of_delay(c) or 1.0), 0.5 * factor * (c.high - c.low)

@@ -123,7 +123,7 @@ def clause(c: Change) -> str:
 def _clause(c: Change) -> str:
     of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative)
     size = f"{of}{name} ({low} to {high})"
-    sure = c.tier != "supported"
+    sure = c.tier not in ("supported", "unsure") and not c.low < 0.0 < c.high
     be, has, differs, acts = ("is", "has", "differs", "acts")
     if not sure:
         be, has, differs, acts = ("may be", "may have", "may differ", "may act")
@@ -141,11 +141,17 @@ def _clause(c: Change) -> str:
             least, most = sorted((sign * c.low, sign * c.high))
             of, name, low, high = _numbers(abs(c.size), least, most, c.unit, relative=False)
             size = f"{of}{name} ({low} to {high})"
-            if about.kind == "input":
-                return (
-                    f"the {place} {acts} {size} {'earlier' if sign > 0 else 'later'} than recorded"
-                )
-            return f"the {place} {be} {size} {'late' if sign > 0 else 'early'}"
+            of_input = about.kind == "input"
+            way, back = ("earlier", "later") if of_input else ("late", "early")
+            way, back = (way, back) if sign > 0 else (back, way)
+            if least < 0.0 < most:  # the records do not tell the direction
+                size = f"{of}{name} {way}, between {low.removeprefix('-')}{name} {back} and "
+                size += f"{high}{name} {way}"
+                then = "act at another time than recorded" if of_input else "be late or early"
+                return f"the {place} may {then} ({size})"
+            if of_input:
+                return f"the {place} {acts} {size} {way} than recorded"
+            return f"the {place} {be} {size} {way}"
         return f"{what} {be} off by {size}"
     told = c.title if c.kind == "parameter" else about.label
     thing = told[:1].lower() + told[1:] if told[:4].lower() == "the " else ""
@@ -189,7 +195,7 @@ def _lost(c: Change, fault: str, place: str, share: str) -> str:
     unit = c.shape_names[-1].partition("[")[2].removesuffix("]") or "1"
     way = {"highest": "above ", "lowest": "below "}.get("".join(end), "\N{PLUS-MINUS SIGN}")
     level = f"{way}{size_in(float(level), unit)}"
-    may = "may have" if c.tier == "supported" else "has"
+    may = "may have" if c.tier in ("supported", "unsure") else "has"
     less = f", which takes away {share} of what is {LOST[fault]}" if share else ""
     return f"the {place} {may} a {fault} {'' if end else 'of '}{level}{less}"
 
