@@ -24,7 +24,7 @@ from itertools import combinations, product
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.search.evidence import Fitted, NormalEquations, precision, prior_of, system
+from unmodeled.search.evidence import CHANCE, Fitted, NormalEquations, precision, prior_of, system
 from unmodeled.search.linear import local_of
 from unmodeled.search.options import Tolerances
 from unmodeled.search.problem import NARROW, Problem
@@ -70,6 +70,18 @@ class Posterior:
         log = np.array([c.log_evidence for c in self.configurations])
         own = np.exp(log - log.max())
         return np.asarray(own / own.sum())
+
+    def with_likelihood(self, matrix: Array, right: Array, prior: Array) -> Posterior:
+        """The same configurations and weights, with means and covariances of another likelihood.
+
+        ``matrix``, ``right``, ``prior``: as for :func:`mixture`.
+        """
+        out = []
+        for c in self.configurations:
+            own = _prior(prior, self.tested, c.wide)
+            covariance = np.asarray(np.linalg.inv(matrix + np.diag(own)))
+            out.append(replace(c, mean=covariance @ right, covariance=covariance))
+        return replace(self, configurations=tuple(out))
 
     @property
     def drawn(self) -> float:
@@ -139,18 +151,20 @@ def posterior(problem: Problem, fitted: Fitted, tolerances: Tolerances) -> Poste
         and math.isfinite(p.sd)
         and not released[k]
     )
-    return mixture(own.matrix, own.matrix @ x + own.right, prior, tested, tolerances)
+    # Differences below a discrepancy that chance allows do not decide which parameters changed.
+    rough = equations(problem, fitted, CHANCE)
+    found = mixture(rough.matrix, rough.matrix @ x + rough.right, prior, tested, tolerances)
+    return found.with_likelihood(own.matrix, own.matrix @ x + own.right, prior)
 
 
-def equations(problem: Problem, fitted: Fitted) -> NormalEquations:
-    """Normal equations of a set, with the weights that intervals need."""
+def equations(problem: Problem, fitted: Fitted, chance: float = -1.0) -> NormalEquations:
+    """Normal equations of a set, with the weights that intervals need.
+
+    ``chance``: multiple of what chance allows that counts as discrepancy, see :func:`precision`.
+    """
     samples = np.maximum(problem.samples, 1.0)
     left = np.maximum(fitted.noise / np.maximum(white(problem, fitted), 1.0), 1.0) ** 2
-    weight = (
-        left
-        * precision(left, 1.0 / (fitted.effective * samples), discrepancy_samples=0.5)
-        / samples
-    )
+    weight = left * precision(left, 1.0 / (fitted.effective * samples), 0.5, chance) / samples
     return system(
         problem,
         problem.fit,
@@ -206,13 +220,11 @@ def mixture(
     none = n * math.log1p(-1.0 / n) if n > 1 else math.log(0.5) if n else 0.0
 
     def solved(wide: frozenset[int], log_prior: float) -> Configuration:
-        own = prior.copy()
-        narrow = [k for k in tested if k not in wide]
-        own[narrow] /= NARROW**2
+        own = _prior(prior, tested, wide)
         covariance = np.linalg.inv(matrix + np.diag(own))
         mean = covariance @ right
         evidence = 0.5 * float(right @ mean) + 0.5 * float(np.linalg.slogdet(covariance)[1])
-        evidence -= len(narrow) * math.log(NARROW)
+        evidence -= (n - len(wide)) * math.log(NARROW)
         return Configuration(wide, log_prior, evidence + log_prior, mean, np.asarray(covariance))
 
     drawn = solved(all_wide, 0.0)
@@ -242,6 +254,13 @@ def mixture(
     kept.sort(key=lambda c: -c.log_evidence)
     top = kept[0].log_evidence
     return Posterior(tuple(tested), tuple(c for c in kept if c.log_evidence > top + least))
+
+
+def _prior(prior: Array, tested: Sequence[int], wide: Collection[int]) -> Array:
+    """Weights of the priors of a configuration, (g,)."""
+    own = prior.copy()
+    own[[k for k in tested if k not in wide]] /= NARROW**2
+    return own
 
 
 def _widened(c: Configuration, prior: Array, further: Sequence[int]) -> dict[int, float]:
