@@ -248,7 +248,7 @@ def _over_matters(out: Chosen, rest: Fitted, now: Fitted, options: Options) -> f
     assert without is not None
     assert with_it is not None
     taken = np.sqrt(np.maximum(without.rms(problem) ** 2 - with_it.rms(problem) ** 2, 0.0))
-    return float(np.max(taken / what_matters(problem, options)))
+    return float(np.max(taken / what_matters(out.problem, options)))
 
 
 def _predict_smaller(out: Chosen, now: Fitted, check: Callable[[], None]) -> None:
