@@ -171,6 +171,10 @@ def _put_parts(raw: dict[str, Any], old: MechanismFile, new: MechanismFile) -> N
 # ------------------------------------------------------------------------------------- places
 
 
+#: Entries of a body that belong to its joint, and number of contacts up to which a change is local.
+JOINT, LOCAL = ("friction", "position"), 4
+
+
 def _contact(config: MechanismFile, component: str) -> str | None:
     number = re.match(r"contact (\d+)", component)
     return number.group(1) if number and number.group(1) in config.contacts else None
@@ -212,27 +216,49 @@ def _of_paths(config: MechanismFile, paths: Iterable[str]) -> Iterator[str]:
 def points_at(
     action: Action, component: str, paths: Iterable[str] = ()
 ) -> list[tuple[float, float]]:
-    """Points at rest [m] of the contact of a component, or of the changed surfaces of the frame.
+    """Points at rest [m] of what changes: contacts and joints; () if it is a whole part.
 
     Parameters
     ----------
     component
-        Text of an effect, such as ``contact 03, key capstan - whippen``.
+        Text of an effect, such as ``contact 03, key capstan - whippen`` or ``whippen joint``.
     paths
-        Dotted paths of the entries that the effect changes. A screw of the frame changes a
-        surface that belongs to no moving body.
+        Dotted paths of the entries that the effect changes: of contacts or their surfaces, such as
+        a screw of the frame, or of the joint of a body.
     """
+    from feltmb import _core
     from feltmb.run.simulate import evaluate
 
-    config = action.config
-    number = _contact(config, component)
-    screws = {p.split(".")[1] for p in paths if p.startswith("surfaces.")}
-    screws = {name for name in screws if config.surfaces[name].body not in config.bodies}
-    numbers = [number] if number is not None else [
-        n for n, c in config.contacts.items() if screws.intersection(c.surfaces)
-    ]  # fmt: skip
-    if not numbers:
+    config, paths, pose = action.config, [*paths], action.rest_pose
+    numbers = _contacts_at(config, component, paths)
+    if len(numbers) > LOCAL:
         return []
-    pose = action.rest_pose
-    contacts = evaluate(action, pose, 0.0 * pose).contacts
-    return [(float(contacts.loc[int(n)]["x"]), float(contacts.loc[int(n)]["y"])) for n in numbers]
+    found: list[tuple[float, float]] = []
+    if numbers:
+        contacts = evaluate(action, pose, 0.0 * pose).contacts
+        rows = [contacts.loc[int(n)] for n in numbers]
+        found = [(float(row["x"]), float(row["y"])) for row in rows]
+    poses = _core.body_poses(action.mechanism, pose)
+    joints = [poses[name] for name in _joints_at(config, component, paths) if name in poses]
+    return found + [(float(x), float(y)) for x, y, _ in joints]
+
+
+def _contacts_at(config: MechanismFile, component: str, paths: Sequence[str]) -> list[str]:
+    """Numbers of the contacts of a component, or of the changed contacts and surfaces."""
+    if (number := _contact(config, component)) is not None:
+        return [number]
+    own = {p.split(".")[1] for p in paths if p.startswith("contacts.")}
+    surfaces = {p.split(".")[1] for p in paths if p.startswith("surfaces.")}
+    return [n for n, c in config.contacts.items() if n in own or surfaces.intersection(c.surfaces)]
+
+
+def _joints_at(config: MechanismFile, component: str, paths: Sequence[str]) -> list[str]:
+    """Bodies whose joint a change is at: its friction, its position, or the spring there."""
+    split = [p.split(".") for p in paths]
+    own = [p[1] for p in split if p[0] == "bodies" and p[2] in JOINT]
+    springs = [config.springs[p[1]].coordinate for p in split if p[0] == "springs"]
+    own += [n for n, b in config.bodies.items() if b.coordinate in springs]
+    at = component.removesuffix(" joint").removesuffix(" pivot")
+    if at != component:
+        own += [n for n, b in config.bodies.items() if at == (b.label or n)]
+    return [*dict.fromkeys(own)]

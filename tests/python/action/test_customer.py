@@ -29,9 +29,10 @@ KEY = change("coulomb_friction.key", "key joint", 0.0079, "N m")
 FELT = change("felt_thickness.03", "contact 03, key capstan - whippen", 5e-4, "m")
 
 
-def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
+def test_a_joint_and_a_felt_are_places(tmp_path):
     page = customer_page(result(tmp_path, KEY), "steinway45")
-    assert (page.bodies, page.points) == (("key",), ())
+    assert page.bodies == ("key",)
+    assert page.points == (pytest.approx((0.0, 0.0), abs=1e-3),)  # the balance pin
     friction = page.before.value("bodies.key.friction.amplitude").value
     assert friction == pytest.approx(0.0158)
     page = customer_page(result(tmp_path, FELT), "steinway45")
@@ -40,6 +41,17 @@ def test_a_joint_is_a_part_and_a_felt_is_a_place(tmp_path):
     assert point == pytest.approx((-0.141, 0.035), abs=0.015)  # about the top of the capstan
     assert "0.5\N{NO-BREAK SPACE}mm" in page.found
     assert "contact" not in page.found
+
+
+def test_a_screw_is_a_place_and_a_mass_is_a_whole_part(tmp_path):
+    screw = change("capstan_height", "capstan", 5e-4, "m")
+    (point,) = customer_page(result(tmp_path, screw), "steinway45").points
+    assert point == pytest.approx((-0.141, 0.035), abs=0.015)
+    heavy = change("mass.head", "mass of hammer head", 0.1)
+    page = customer_page(result(tmp_path, heavy), "steinway45")
+    assert (page.bodies, page.points) == (("head",), ())
+    spring = change("spring_rate.butt_spring", "butt spring", 0.1)
+    assert len(customer_page(result(tmp_path, spring), "steinway45").points) == 1
 
 
 def test_a_sensor_is_no_fault_of_the_instrument(tmp_path):
