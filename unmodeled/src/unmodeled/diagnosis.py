@@ -187,7 +187,8 @@ def fit_model(
 
     Errors of the records (:mod:`unmodeled.search.records`) and parameters outside their tolerances
     are considered as in a diagnosis. ``report.parameters`` has the values and their intervals,
-    which allow for what the model does not explain.
+    which allow for what the model does not explain. All parameters deviate by about their standard
+    deviations (``tolerances="drawn"``), unless the options say "kept".
 
     Parameters
     ----------
@@ -203,5 +204,8 @@ def fit_model(
     InvalidParameter, DataError
         Model and records do not fit together.
     """
+    options = options or Options()
+    if options.tolerances == "auto":  # a fit is not asked which few parameters changed
+        options = replace(options, tolerances="drawn")
     own = {"options": options, "progress": progress, "executor": executor, "cache": cache}
     return diagnose(model, (), records, hold_out=(), **own)

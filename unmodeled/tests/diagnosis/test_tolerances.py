@@ -286,9 +286,9 @@ def test_without_a_single_cause_the_calibrated_model_remains():
     assert change.before == pytest.approx(c.share(c.calibrated), rel=1e-9)
     assert change.after == pytest.approx(c.share(c.explained), rel=1e-9)
     assert change.before * c.motion < 0.25  # all of it would be 0.3
-    # A parameter that keeps its tabulated value takes up less.
+    # It is what nothing else can do, whichever reading of the tolerances holds.
     (kept,) = diagnose(model, [more], records, hold_out=["r3"]).changes
-    assert change.before * c.motion < kept.before * c.motion < 0.31
+    assert kept.before == pytest.approx(change.before, rel=1e-9)
 
 
 def test_without_one_of_two_causes_least_squares_of_the_rest_remain():
@@ -392,8 +392,8 @@ def test_of_two_parameters_that_replace_each_other_one_is_told():
     (change,) = report.changes
     assert (change.name, change.tier, change.within) == ("a", "named", False)
     assert change.size == pytest.approx(1.0, abs=0.02)
-    # Without it, d is not asked to stand for it, and the channel misses all of it.
+    # Without it, d follows within its tolerance, and the channel misses nearly all of it.
     u = np.concatenate([r.inputs["u"] for r in records])
     assert change.before * report.channels[0].motion == pytest.approx(
-        np.sqrt(np.mean(u**2)), rel=0.01
+        np.sqrt(np.mean(u**2)), rel=0.1
     )

@@ -149,6 +149,7 @@ def posterior(problem: Problem, fitted: Fitted, tolerances: Tolerances) -> Poste
         for k, i in enumerate(problem.free)
         if (p := problem.model.parameters[i]).of_the_machine
         and math.isfinite(p.sd)
+        and p.before is None  # a test of the part has measured it
         and not released[k]
     )
     # Differences below a discrepancy that chance allows do not decide which parameters changed.
