@@ -211,7 +211,7 @@ def _simulated(
 
 #: Key of the functions of a model, among those of effects.
 OWN = "own"
-#: Largest number of records, and of their samples, of a motion for comparisons.
+#: Largest number of records that are tried before a fit, and of their samples.
 RECORDS, LONGEST = 4, 1500
 
 

@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import along, doubts, sensitivities, simulated
+from unmodeled.fit.batch import LONGEST, RECORDS, along, doubts, sensitivities, simulated
 from unmodeled.fit.coordinates import (
     Coordinate,
     Coupling,
@@ -566,8 +566,6 @@ FINE = 1.0
 LEAST_NOISE = 1e-3
 #: Largest number of substeps.
 MOST = 16
-#: Number of samples of a record, and of records, that are tested.
-LONGEST, RECORDS = 1500, 4
 
 
 def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, list[str]]:

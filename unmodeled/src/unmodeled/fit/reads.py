@@ -20,8 +20,6 @@ from unmodeled.fit.calling import installed
 
 #: Largest number of values that are compared; of further ones, only their identity.
 MOST = 20_000
-#: Length of a list of numbers from which on it is compared as an array.
-LONG = 1000
 _NUMBERS = (bool, int, float, complex, str, bytes, type(None), np.generic)
 #: Words of the values of a place: equal words, equal values.
 Words = tuple[Any, ...]
@@ -102,7 +100,7 @@ class _Reader:
                 yield from self._words((place, "value"), v)
         elif isinstance(value, list | tuple | set | frozenset | np.ndarray):
             yield type(value).__name__, len(value)
-            if len(value) > LONG and all(type(v) is float for v in value):
+            if all(type(v) is float for v in value):
                 yield np.array(list(value)).tobytes()
                 return
             for v in list(np.ravel(value)) if isinstance(value, np.ndarray) else list(value):

@@ -24,10 +24,8 @@ from unmodeled.fit.traces import Key, Part, System, Untrue, Values, has_state, k
 POINTS = 24
 #: Points among them that are far outside of the range.
 FAR = 4
-#: Largest difference, relative to the value [1].
+#: Largest difference, relative to the value, and the change of arguments that tells branches [1].
 EQUAL = 1e-9
-#: Changes of the arguments that tell rounding and branches from differences: number, size [1].
-MOVES, MOVE = 4, 1e-9
 
 #: Values by target, or the text of an exception.
 Row = dict[Key, float] | str
@@ -211,9 +209,9 @@ def equal(a: Any, b: Any) -> bool:
 def _near(part: Part, target: Key, at: Values, points: Values, a: float, b: float) -> bool:
     """Whether changes of the arguments in the last digits change a value as much: a branch."""
     random, spread = np.random.default_rng(2), 0.0
-    for _ in range(MOVES):
+    for _ in range(4):
         moved = {
-            k: v + MOVE * random.choice([-1.0, 1.0]) * (abs(v) + np.ptp(points[k]))
+            k: v + EQUAL * random.choice([-1.0, 1.0]) * (abs(v) + np.ptp(points[k]))
             for k, v in at.items()
         }
         row = _called(part, moved)
