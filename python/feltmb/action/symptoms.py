@@ -2,7 +2,8 @@
 
 The likelihoods follow from a table of :func:`feltmb.wear` with screws. Each part deviates by a
 normal distribution whose standard deviation is what one expects to meet. The likelihood of a part
-is the probability that it reaches the limit of the symptom by itself, with linear effects.
+is in proportion to the probability that it reaches the limit of the symptom by itself, with linear
+effects. Each cause that the model does not have counts like the mean of those that are listed.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from pydantic import Field
 from feltmb import params
 from feltmb.action.wearing import NUMBERS, Variant, Wear
 from unmodeled.arguments import checked
-from unmodeled.errors import InvalidParameter, shown
+from unmodeled.errors import InvalidParameter, near_names, shown
 from unmodeled.files import read_json, read_toml
 from unmodeled.units.quantity import Schema, validated
 
@@ -27,6 +28,9 @@ EXPECTED = {"thinner": 3e-4, "harder": 0.2, "friction": 1.0, "spring": 0.2}
 LEAST = 0.02
 #: Multiple of the limit that is reached when the number does not exist any more.
 LOST = 1.5
+#: Contractions in the name of a symptom, and words that do not count.
+SHORT = {"won't": "will not", "doesn't": "does not", "isn't": "is not"}
+SILENT = ("the", "a", "it", "is", "action", "hammer", "note", "key", "too")
 #: Action whose table is packaged.
 PACKAGED = "steinway45_leaded"
 #: What to do about a kind of change.
@@ -51,6 +55,8 @@ class Definition(Schema):
     limit: float | None = None
     by: Annotated[float, Field(gt=0)] | None = None
     lost: bool = False
+    also: tuple[str, ...] = ()
+    """Other names."""
     beyond: tuple[str, ...] = ()
     """Causes that the model does not have."""
 
@@ -67,7 +73,7 @@ class Cause:
     part: str
     kind: str  #: thinner, harder, friction, spring, tight, missing or screw
     change: str  #: change that reaches the limit
-    share: float  #: likelihood compared with the other parts [1]
+    share: float  #: likelihood compared with all other causes [1]
     remedy: str
 
 
@@ -86,6 +92,7 @@ class Symptom:
     causes: tuple[Cause, ...]
     screws: tuple[str, ...]  #: screws that take the number from the limit back to the value
     beyond: tuple[str, ...] = ()  #: causes that the model does not have: look for them as well
+    beyond_share: float = 0.0  #: likelihood of these, each like the mean of those listed [1]
 
     def as_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -110,7 +117,7 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
     Parameters
     ----------
     name
-        Name of the symptom, such as ``blocks``.
+        Name of the symptom, such as ``blocks``, or another word for it, such as ``won't repeat``.
     wear
         Table of :func:`feltmb.wear` with ``screws=True``; default: that of the packaged action.
 
@@ -120,10 +127,7 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
         There is no such symptom, or the number of the symptom does not exist in the action.
     """
     known = load_symptoms()
-    if name not in known:
-        raise InvalidParameter(
-            f"there is no symptom {shown(name)}, expected one of {', '.join(known)}"
-        )
+    name = _understood(name, known)
     table = packaged_wear() if wear is None else wear
     d = known[name]
     value = table.base[d.number]
@@ -137,7 +141,7 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
     needed = sign * (limit - value)
     #: share of the way to the limit, by variant
     reach = [(v, _reach(numbers, value, sign, needed, d)) for v, numbers in table.rows]
-    causes = _causes(reach)
+    causes, rest = _causes(reach, len(d.beyond))
     return Symptom(
         name=name,
         what=d.what,
@@ -150,6 +154,36 @@ def symptom(name: str, wear: Wear | None = None) -> Symptom:
         causes=causes,
         screws=_screws(reach),
         beyond=d.beyond,
+        beyond_share=rest,
+    )
+
+
+def _understood(name: str, known: Mapping[str, Definition]) -> str:
+    """The symptom that is meant by words such as "the hammer won't repeat!"."""
+
+    def plain(text: str) -> str:
+        text = text.lower().replace("\N{RIGHT SINGLE QUOTATION MARK}", "'")
+        for short, full in SHORT.items():
+            text = text.replace(short, full)
+        words = "".join(c if c.isalnum() else " " for c in text).split()
+        return " ".join(w for w in words if w not in SILENT)
+
+    names = {plain(word): n for n, d in known.items() for word in (n, *d.also)}
+    asked = plain(name)
+    if asked in names:
+        return names[asked]
+    parts = f" {asked} "
+    # "heavy or sluggish" is two symptoms.
+    found = dict.fromkeys(n for word, n in names.items() if f" {word} " in parts)
+    if len(found) == 1:
+        return next(iter(found))
+    if found:
+        raise InvalidParameter(
+            f"{shown(name)} is {' or '.join(found)}: expected one of these symptoms"
+        )
+    raise InvalidParameter(
+        f"there is no symptom {shown(name)}{near_names(asked, names)}, expected one of "
+        f"{', '.join(known)}"
     )
 
 
@@ -166,7 +200,8 @@ def _reach(
     return sign * (number - value) / way
 
 
-def _causes(reach: Sequence[tuple[Variant, float]]) -> tuple[Cause, ...]:
+def _causes(reach: Sequence[tuple[Variant, float]], others: int) -> tuple[tuple[Cause, ...], float]:
+    """Causes in the model, and the likelihood of the others, each like the mean of these."""
     best: dict[tuple[str, str], tuple[float, Variant, float]] = {}
     for variant, part in reach:
         if part <= 0.0 or (variant.kind == "missing" and part < 1.0):
@@ -177,13 +212,17 @@ def _causes(reach: Sequence[tuple[Variant, float]]) -> tuple[Cause, ...]:
         if key not in best or z < best[key][0]:
             best[key] = (z, variant, part)
     chances = {key: math.erfc(z / math.sqrt(2.0)) for key, (z, _, _) in best.items()}
-    total = sum(chances.values()) or 1.0
+    own = sum(chances.values())
+    listed = [key for key, chance in chances.items() if chance >= LEAST * own]
+    if not listed:
+        return (), 1.0
+    total = own * (1.0 + others / len(listed))
     found = [
         Cause(v.part, v.kind, _scaled(v, 1.0 / part), chances[key] / total, REMEDIES[v.kind])
         for key, (_, v, part) in best.items()
-        if chances[key] >= LEAST * total
+        if key in listed
     ]
-    return tuple(sorted(found, key=lambda c: -c.share))
+    return tuple(sorted(found, key=lambda c: -c.share)), 1.0 - own / total
 
 
 def _screws(reach: Sequence[tuple[Variant, float]]) -> tuple[str, ...]:

@@ -465,7 +465,8 @@ def symptom(
         if as_json:
             print_json({key: d.model_dump() for key, d in known.items()})
         else:
-            show("symptoms", "name | what it is", [(key, d.what) for key, d in known.items()])
+            listed = [(key, d.what, ", ".join(d.also)) for key, d in known.items()]
+            show("symptoms", "name | what it is | also called", listed)
         return
     found = symptom(name, wear)
     if as_json:
@@ -474,11 +475,10 @@ def symptom(
     screen = console()
     for line in (found.what, f"Test: {found.test}", _numbers(found, wear.name)):
         screen.print(line)
-    show(
-        f"causes of {name}",
-        "part | change that suffices | >likelihood | what to do",
-        [(c.part, c.change, f"{100.0 * c.share:.0f} %", c.remedy) for c in found.causes],
-    )
+    rows = [(c.part, c.change, f"{100.0 * c.share:.0f} %", c.remedy) for c in found.causes]
+    if found.beyond:
+        rows.append(("not in the model", "", f"{100.0 * found.beyond_share:.0f} %", "See below"))
+    show(f"causes of {found.name}", "part | change that suffices | >likelihood | what to do", rows)
     if found.screws:
         screen.print(f"Screws that take it back: {'; '.join(found.screws)}.")
     if found.beyond:

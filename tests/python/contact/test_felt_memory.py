@@ -359,3 +359,38 @@ def test_an_independent_integration_of_the_equations(kappa):
     work = np.cumsum(0.5 * (force[1:] + force[:-1]) * np.diff(e))
     lost = np.diff(work - stored[1:], prepend=0.0)
     assert lost.min() > -1e-6 * work.max()  # of the quadrature
+
+
+@pytest.mark.parametrize(("kappa", "wiping_out", "most"), [(0.2, 0.0, 0.057), (0.2, 0.2, 0.11)])
+def test_a_cycle_inside_earlier_ones_returns_a_bounded_share_more_than_it_took(
+    kappa, wiping_out, most
+):
+    """By hand, for a cycle over the area A of the loop from z = 0, u = exp(-A/c): it returns
+    c [(1 - u)^2 + (1 - u) + ln u] more than it took, at most 0.0569 c at A = 0.7 c, c = kappa W."""
+    made = law(
+        "felt_memory", loading=(5520, 1580, -600), unloading=(190, 5040, 3040), kappa=kappa,
+        wiping_out=wiping_out,
+    )  # fmt: skip
+    n = 400
+
+    def work(*ends):
+        """Work at each end of a path from 0 [J]."""
+        parts = [np.linspace(a, b, n + 1)[1:] for a, b in pairwise((0.0, *ends))]
+        e = np.concatenate([[0.0], *parts])
+        force = made.path(e, 1e-3 * np.arange(e.size))
+        steps = 0.5 * (force[1:] + force[:-1]) * np.diff(e)
+        return np.concatenate([[0.0], np.cumsum(steps)])[::n]
+
+    top, gains, shares = 1e-3, [], []
+    area = work(top, 0.0)[2]
+    for low in np.linspace(0.0, 0.9, 7):
+        for high in np.linspace(low + 0.03, 1.0, 9):
+            w = work(top, low * top, high * top, low * top, high * top, low * top, 0.0)
+            gains.append((w[2] - w[4], w[4] - w[6]))
+            shares.append(gains[-1][0] / (w[3] - w[2]))
+            assert w[-1] > 0.0
+    first, second = np.max(gains, axis=0)
+    assert 0.85 * most < first / (kappa * area) < most * 1.01
+    assert max(first, second) < 0.25 * kappa * area
+    assert second < first
+    assert 0.05 < max(shares) < (0.12 if wiping_out else 0.09)

@@ -14,16 +14,18 @@ from unmodeled.blas import one_thread
 from unmodeled.data import Record
 from unmodeled.fit.measured import untested
 from unmodeled.fit.model import Effect, Model
+from unmodeled.fit.observe import excited
 from unmodeled.library.defaults import chosen_effects
 from unmodeled.report import Report, explained_model
 from unmodeled.report.case import Given
 from unmodeled.search.compare import compared, refuse
+from unmodeled.search.linear import EvaluationRequest, request_at
 from unmodeled.search.options import Options
 from unmodeled.search.problem import Problem
 from unmodeled.search.progress import Limit, Meter, Progress
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.result import Reason
-from unmodeled.search.search import search
+from unmodeled.search.search import Searched, search
 from unmodeled.search.variation import varies, with_variation
 from unmodeled.search.verdict import judge
 
@@ -114,7 +116,8 @@ def diagnose(
         check = Limit(began + FITS * options.seconds, meter.step)
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
         split = _split(searched.problem) if by_us else ()
-        result = replace(result, notes=(*chosen, *split, *notes, *result.notes))
+        told = (*_doubts(searched), *chosen, *split, *notes, *result.notes)
+        result = replace(result, notes=told)
         if not result.complete:
             late = Reason.INTERRUPTED not in result.reasons
             least = 2.0 * options.seconds if late else time.monotonic() - began
@@ -134,6 +137,14 @@ def _interrupted() -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         raise KeyboardInterrupt("before there was an answer") from None
+
+
+def _doubts(searched: Searched) -> tuple[str, ...]:
+    """What functions of the model give otherwise along the motions of the best set."""
+    problem, best = searched.problem, searched.ranked()[0][0]
+    ask = EvaluationRequest(best.members, best.point, problem.fit, derivatives=False)
+    requests = [request_at(problem, ask, r) for r in range(len(problem.fit))]
+    return problem.model.doubts([b for q in requests for _, b in excited(q.record, q.jobs())])
 
 
 def _split(problem: Problem) -> tuple[str, ...]:

@@ -490,8 +490,8 @@ RANDOM = np.random.default_rng()
 @pytest.mark.parametrize(
     ("rates", "text"),
     [
-        (Counter(), "its rates or outputs differ between two equal calls"),
-        (lambda t, x, u, p: (x.v, u.f + RANDOM.normal()), "differ between two equal calls"),
+        (Counter(), "its rates function differs between two equal calls: the rate of v is"),
+        (lambda t, x, u, p: (x.v, u.f + RANDOM.normal()), "differs between two equal calls"),
         (lambda t, x, u, p: (x.v, np.log(x.q - 5.0)), "its rate of v at t = 0 s and q = 0, v = 0"),
         (lambda t, x, u, p: (x.v, 1j * x.q), "the rate of v is complex, expected a real number"),
         (lambda t, x, u, p: (x.v, np.zeros(7)), r"the rate of v has shape \(7,\), expected a numb"),

@@ -211,7 +211,7 @@ def test_a_failed_record_does_not_spoil_the_others():
 
 
 def test_the_rates_are_called_to_be_traced_and_never_again():
-    """Once for their inputs and coordinates, and twice with symbols, whose traces must agree."""
+    """For their inputs and coordinates, with symbols, and twice at the points of comparison."""
     calls = []
 
     def counted(t, x, u, p):
@@ -222,4 +222,4 @@ def test_the_rates_are_called_to_be_traced_and_never_again():
     model.sensitivities([request(record("a", 0.6), candidates=PLAIN)])
     once = len(calls)
     model.sensitivities([request(record("b", 0.8), (Candidate(DRAG),), candidates=PLAIN)])
-    assert len(calls) == once <= 6
+    assert len(calls) == once <= 60

@@ -8,21 +8,24 @@ be traced runs as functions of Python.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from types import MethodType
 from typing import Any
 
 import numpy as np
 
 from unmodeled.chain.splines import Spline
 from unmodeled.data import Array, Record
-from unmodeled.errors import Error, InvalidParameter, shown
+from unmodeled.errors import InvalidParameter, shown
 from unmodeled.fit.calling import calling
-from unmodeled.fit.coordinates import Named, Rate, values_of
+from unmodeled.fit.coordinates import Rate
 from unmodeled.fit.methods import METHODS
 from unmodeled.fit.model import (
     BETWEEN,
     Batch,
+    Candidate,
+    Effect,
     Jobs,
     Model,
     Sensitivity,
@@ -32,19 +35,36 @@ from unmodeled.fit.model import (
     sensitivity_of,
 )
 from unmodeled.fit.program import program_of
+from unmodeled.fit.reads import changed, read_by, written
 from unmodeled.fit.step import Lanes, Runs, plain, run
-from unmodeled.fit.tape import Traced
+from unmodeled.fit.tape import NotTraceable, Traced
 from unmodeled.fit.traces import (
+    Key,
+    Part,
     ProgramKind,
     System,
     Traces,
-    changes_of,
+    Untrue,
+    Values,
     check_names,
+    effect_part,
     floats_of,
     form_of,
+    keys_of,
+    own_parts,
     own_trace,
-    rates_of,
+    port_part,
     untraced_reason,
+)
+from unmodeled.fit.witness import (
+    Motion,
+    column,
+    compare,
+    effect_points,
+    equal,
+    points_along,
+    points_of,
+    word,
 )
 
 #: Largest difference between a simulated change and its prediction, relative to the change.
@@ -159,6 +179,15 @@ def simulated(
     InvalidParameter
         A function of the model fails.
     """
+    if not batches:
+        return []
+    _compare(system, traces, batches, [t for _, jobs in batches for t in jobs.included])
+    return _simulated(system, traces, batches)
+
+
+def _simulated(
+    system: System, traces: Traces, batches: Sequence[Batch]
+) -> list[tuple[Array, Array]]:
     groups: dict[Any, list[int]] = {}
     for i, (_, jobs) in enumerate(batches):
         forms = tuple(form_of(system, traces, t) for t in jobs.included)
@@ -171,13 +200,103 @@ def simulated(
             kind = _kind(system, included=forms, forces=forces)
             runs = _run_jobs(system, traces, kind, own, tracks)
         else:
-            runs = _plain(system, own, tracks)
+            runs = _plain(system, traces, own, tracks)
         first = 0
         for i, (_, jobs) in zip(group, own, strict=True):
             rows = slice(first, first + jobs.count)
             found[i] = np.array(runs.outputs[rows]), np.array(runs.states[rows])
             first += jobs.count
     return [found[i] for i in range(len(batches))]
+
+
+#: Key of the functions of a model, among those of effects.
+OWN = "own"
+#: Largest number of records that are tried before a fit, and of their samples.
+RECORDS, LONGEST = 4, 1500
+
+
+def _compare(
+    system: System, traces: Traces, batches: Sequence[Batch], candidates: Sequence[Candidate]
+) -> None:
+    """Compare functions with their traces when they are first used.
+
+    Raises
+    ------
+    InvalidParameter
+        They differ, or a function has a state of its own.
+    """
+    keys: dict[Any, list[Any]] = {OWN: _functions(system)}
+    keys |= {t.effect: [t.effect.rate] for t in candidates}
+    now = {k: read_by(of) for k, of in keys.items()}
+    if any(k in traces.read and changed(now[k], *traces.read[k]) for k in keys):
+        traces.forget()
+    points = traces.points
+    if points is None:
+        motions = [_pilot(system, traces, *batch) for batch in batches[:RECORDS]]
+        if not any(np.isfinite(m.states).all(axis=1).any() for m in motions):
+            return
+        traces.compared.clear()
+        points = points_of(system, motions)
+    if OWN not in traces.compared:
+        traces.compared[OWN] = compare(own_parts(system), own_trace(system, traces), points)
+        traces.points = points
+    for candidate in candidates:
+        form = form_of(system, traces, candidate)
+        key = form.effect, form.text
+        if key not in traces.compared:
+            own = effect_part(candidate, symbols=bool(form.numbers))
+            at = effect_points(points, candidate)
+            traces.compared[key] = compare([own], traces.effects[key], at)
+    for key in keys.keys() - traces.read.keys():
+        traces.read[key] = now[key], written(now[key], read_by(keys[key]))
+
+
+def doubts(system: System, traces: Traces, batches: Sequence[Batch]) -> tuple[str, ...]:
+    """What functions give otherwise along the motions of the first jobs: the first sentence."""
+    runs = _simulated(system, traces, batches)
+    try:
+        for (record, jobs), (_, path) in zip(batches, runs, strict=True):
+            motion = Motion(record, jobs.theta[0], path[0])
+            at = points_along(system, motion, [s.name for s in system.all_states(jobs.included)])
+            _still(traces, OWN, own_parts(system), own_trace(system, traces), at)
+            for size, t in zip(jobs.magnitudes[0], jobs.included, strict=True):
+                form = form_of(system, traces, t)
+                values: dict[Key, float] = {("size",): size}
+                values |= {("shape", k): v for k, v in enumerate(floats_of(form, t.shape))}
+                further = {k: np.full(len(at["t",]), v) for k, v in values.items()}
+                own, key = effect_part(t, symbols=bool(form.numbers)), (form.effect, form.text)
+                _still(traces, key, [own], traces.effects[key], at | further)
+    except Untrue as error:
+        return (f"the numbers below are not those of the model's functions: {error}",)
+    return ()
+
+
+def _still(
+    traces: Traces,
+    key: Any,
+    parts: Sequence[Part],
+    traced: Traced | NotTraceable,
+    at: Mapping[Key, Array],
+) -> None:
+    """Compare functions, and whether they still take arrays if they did."""
+    found, before = compare(parts, traced, at), traces.compared.get(key, ())
+    for part, now, then in zip(parts, found, before, strict=False):
+        if then and not now:
+            raise Untrue(f"{part.what} gives other values for arrays of jobs")
+
+
+def _functions(system: System) -> list[Any]:
+    """Functions of a model; a port may have one for its inertia."""
+    shown = [of for of in system.outputs.values() if not isinstance(of, str | Rate)]
+    return [system.rates, *shown, *(p for p in system.ports.values() if isinstance(p, MethodType))]
+
+
+def _pilot(system: System, traces: Traces, record: Record, jobs: Jobs) -> Motion:
+    """Motion of the first job without effects."""
+    part = record if record.samples <= LONGEST else record.cut(0, LONGEST)
+    start = jobs.starts[:1, : len(system.states)]
+    ((_, path),) = _simulated(system, traces, [(part, Jobs(theta=jobs.theta[:1], starts=start))])
+    return Motion(part, jobs.theta[0], path[0])
 
 
 def _kind(system: System, **fields: Any) -> ProgramKind:
@@ -231,6 +350,10 @@ def sensitivities(
     None: the rates jump or cannot be traced, so that the request needs differences of simulations.
     """
     found: list[Sensitivity | None] = [None] * len(requests)
+    if not requests:
+        return []
+    batches = [(r.record, r.jobs()) for r in requests]
+    _compare(system, traces, batches, [t for r in requests for t in (*r.included, *r.candidates)])
     groups: dict[ProgramKind, list[int]] = {}
     left: dict[int, list[int]] = {}
     tracks = _Tracks(system, traces)
@@ -358,7 +481,7 @@ def _test(
             tested.append(i)
     moves = [_moves(model, requests[i]) for i in tested]
     batches = [(requests[i].record, jobs) for i, (jobs, _) in zip(tested, moves, strict=True)]
-    runs = simulated(system, traces, batches)
+    runs = _simulated(system, traces, batches)
     for i, (two, _), (_, changes) in zip(tested, runs, moves, strict=True):
         s = found[i]
         assert s is not None
@@ -406,11 +529,11 @@ def _predicts(system: System, s: Sensitivity, two: Array, changes: Array) -> boo
 # ----------------------------------------------------------------- functions that cannot be traced
 
 
-def _plain(system: System, batches: Sequence[Batch], tracks: _Tracks) -> Runs:
-    """Integrate functions of Python: with arrays of all jobs, or else job by job."""
+def _plain(system: System, traces: Traces, batches: Sequence[Batch], tracks: _Tracks) -> Runs:
+    """Integrate functions of Python."""
     out: tuple[list[Array], list[Array], list[Array]] = ([], [], [])
     for record, jobs in batches:
-        own = _Plain(system, jobs)
+        own = _Plain(system, traces, jobs)
         lanes = tracks.lanes(
             _track_of(tracks, (record, jobs)),
             np.zeros((0, jobs.count)),
@@ -424,108 +547,146 @@ def _plain(system: System, batches: Sequence[Batch], tracks: _Tracks) -> Runs:
     return Runs(*out)
 
 
+class _Each:
+    """A function by calls: with arrays of all jobs if these give the same, else job by job."""
+
+    def __init__(self, part: Part, together: bool):
+        self.part, self.together, self.checked = part, together, False
+
+    def __call__(self, at: Values, count: int) -> dict[Key, Array]:
+        """Values by target, (jobs,)."""
+        if self.together and count > 1:
+            try:
+                found = {t: column(v, count) for t, v in self.part.of(at).items()}
+                if self.checked or self._agrees(found, at, count):
+                    return found
+            except (TypeError, ValueError):
+                pass
+            self.together = False
+        rows = [self._numbers(at, b) for b in range(count)]
+        return {
+            t: np.array([row.get(t, 0.0) for row in rows])
+            for t in dict.fromkeys(t for row in rows for t in row)
+        }
+
+    def _agrees(self, found: Mapping[Key, Array], at: Values, count: int) -> bool:
+        """Whether the first and the last job have the values of single calls."""
+        self.checked = True
+        return all(
+            equal(row.get(t, 0.0), float(found[t][b]) if t in found else 0.0)
+            for b in (0, count - 1)
+            for row in (self._numbers(at, b),)
+            for t in dict.fromkeys([*row, *found])
+        )
+
+    def _numbers(self, at: Values, b: int) -> dict[Key, float]:
+        with calling(self.part.what):
+            found = self.part.of({k: v[b] for k, v in at.items()})
+        return {t: self._number(t, v) for t, v in found.items()}
+
+    def _number(self, target: Key, value: Any) -> float:
+        if np.iscomplexobj(value):
+            fault = "is complex, expected a real number"
+        elif np.shape(value) not in ((), (1,)):
+            fault = f"has shape {np.shape(value)}, expected a number or one value a job"
+        elif np.asarray(value).dtype.kind not in "biuf":
+            fault = f"is {shown(value)}, expected a number"
+        else:
+            return float(np.reshape(value, ()))
+        raise InvalidParameter(f"{self.part.what.split(':')[0]}: {word(target)} {fault}")
+
+
 class _Plain:
     """Rates and outputs of jobs, by calls of the functions."""
 
-    def __init__(self, system: System, jobs: Jobs):
-        self.system, self.jobs, self.one_by_one = system, jobs, False
+    def __init__(self, system: System, traces: Traces, jobs: Jobs):
+        self.system, self.jobs = system, jobs
+        self.own, *self.shown = _each(traces, OWN, own_parts(system))
+        first = len(system.states)
+        self.places = {("rate", n): i for i, n in enumerate(system.names)}
+        self.included: list[tuple[_Each, dict[Key, int], dict[Key, int]]] = []
         for candidate in jobs.included:
             check_names(system, candidate)
+            form = form_of(system, traces, candidate)
+            (part,) = _each(traces, (form.effect, form.text), [effect_part(candidate)])
+            names = [h.name for h in candidate.effect.hidden]
+            hidden = {("x", n): first + i for i, n in enumerate(names)}
+            places = self.places | {("rate", n): i for (_, n), i in hidden.items()}
+            self.included.append((part, hidden, places))
+            first += len(names)
+        ports = system.ports if jobs.forces is not None else ()
+        self.ports = [_Each(port_part(system, n), together=False) for n in ports]
 
-    def _each(
-        self, names: Sequence[str], of: Callable[..., Sequence[Any]], t: Array, *columns: Array
-    ) -> Array:
-        """Values of a function of arrays, or of numbers if it does not take arrays."""
-        if not self.one_by_one:
-            try:
-                return self._checked(names, of(t, *columns), t.size)
-            except (TypeError, ValueError) as error:
-                if isinstance(error, Error) and error.__cause__ is None:
-                    raise
-                self.one_by_one = True
-        rows = [of(t[b], *(c[..., b] for c in columns)) for b in range(t.size)]
-        try:
-            return np.array(rows, dtype=np.float64).reshape(t.size, len(names)).T
-        except (TypeError, ValueError):  # which of them is no number
-            return np.concatenate([self._checked(names, row, 1) for row in rows], axis=1)
-
-    def _checked(self, names: Sequence[str], values: Sequence[Any], count: int) -> Array:
-        """Rates or outputs, each of which is a real number or one for each job."""
-        out = np.empty((len(values), count))
-        for row, name, value in zip(out, names, values, strict=True):
-            if np.iscomplexobj(value):
-                fault = "is complex, expected a real number"
-            elif np.shape(value) not in ((), (1,), (count,)):
-                fault = f"has shape {np.shape(value)}, expected a number or one value a job"
-            elif np.asarray(value).dtype.kind not in "biuf":
-                fault = f"is {shown(value)}, expected a number"
-            else:
-                row[:] = value
-                continue
-            raise InvalidParameter(f"model {self.system.name}: {name} {fault}, ({count},)")
-        return out
-
-    def _named(self, x: Array, u: Array, p: Array) -> tuple[Named, Named, Named]:
+    def _at(self, t: Array, x: Array, u: Array) -> dict[Key, Array]:
+        """Values of the inputs of the model's functions, (jobs,)."""
         system = self.system
+        theta = dict(zip(system.parameters, self.jobs.theta.T, strict=True))
         held = dict(zip(system.inputs, u, strict=False))
         if system.hold == "between":
-            own = dict(zip(system.parameters, p, strict=True))
             held = {
-                n: u[2 * i] + own[BETWEEN + n] * u[2 * i + 1] for i, n in enumerate(system.inputs)
+                n: u[2 * i] + theta[BETWEEN + n] * u[2 * i + 1] for i, n in enumerate(system.inputs)
             }
-        return (
-            Named(dict(zip(system.names, x, strict=False))),
-            Named(held),
-            Named(dict(zip(system.parameters, p, strict=True))),
-        )
+        values = {"x": dict(zip(system.names, x, strict=False)), "u": held, "p": theta}
+        at = {k: t if k == ("t",) else values[k[0]][k[1]] for k in keys_of(system)}
+        return {k: _read_only(v) for k, v in at.items()}
 
     def rates(self, t: Array, x: Array, signals: Array) -> Array:
         """Rates of all states, (states, jobs)."""
-        system, jobs = self.system, self.jobs
-
-        def of(t: Any, x: Array, u: Array, p: Array, sizes: Array) -> list[Any]:
-            named, held, values = self._named(x, u, p)
-            with calling(f"model {system.name}: its rates function"):
-                out = [*rates_of(system, t, named, held, values)]
-            out += [0.0] * (len(x) - len(out))
-            first = len(system.states)
-            for k, candidate in enumerate(jobs.included):
-                names = [h.name for h in candidate.effect.hidden]
-                places = {n: first + i for i, n in enumerate(names)}
-                first += len(names)
-                seen = Named({**values_of(named), **{n: x[i] for n, i in places.items()}})
-                places |= {n: i for i, n in enumerate(system.names)}
-                with calling(f"effect {candidate.name}: its rate"):
-                    found = changes_of(candidate, t, seen, held, values, sizes[k], candidate.shape)
-                for name, value in found.items():
-                    out[places[name]] = out[places[name]] + value
-            pushes = system.ports.values() if jobs.forces is not None else ()
-            forces = u[len(u) - len(pushes) :]
-            for push, force in zip(pushes, forces, strict=True):
-                for name, value in push(force, t, named, held, values).items():
-                    place = system.names.index(name)
-                    out[place] = out[place] + value
-            return out
-
-        names = [f"the rate of {s.name}" for s in system.all_states(jobs.included)]
-        return self._each(names, of, t, x, signals, jobs.theta.T, jobs.magnitudes.T)
+        at, out = self._at(t, x, signals), np.zeros(x.shape)
+        for target, value in self.own(at, t.size).items():
+            out[self.places[target]] = value
+        for k, (part, hidden, places) in enumerate(self.included):
+            further = {key: _read_only(x[i]) for key, i in hidden.items()}
+            further["size",] = _read_only(self.jobs.magnitudes[:, k])
+            for target, value in part({**at, **further}, t.size).items():
+                out[places[target]] += value
+        forces = signals[len(signals) - len(self.ports) :]
+        for port, force in zip(self.ports, forces, strict=True):
+            for target, value in port({**at, ("force",): force}, t.size).items():
+                out[self.places[target]] += value
+        return out
 
     def outputs(self, t: Array, x: Array, signals: Array, slopes: Array) -> Array:
         """Outputs, (outputs, jobs)."""
-        system = self.system
+        at, system = self._at(t, x, signals), self.system
+        found = {k: v for part in self.shown for k, v in part(at, t.size).items()}
+        out = np.empty((len(system.outputs), t.size))
+        for row, (name, of) in zip(out, system.outputs.items(), strict=True):
+            if isinstance(of, Rate):
+                row[:] = slopes[system.names.index(of.state)]
+            else:
+                row[:] = at["x", of] if isinstance(of, str) else found["output", name]
+        return out
 
-        def of(t: Any, x: Array, u: Array, p: Array, slopes: Array) -> list[Any]:
-            named, held, values = self._named(x, u, p)
-            out: list[Any] = []
-            for name, show in system.outputs.items():
-                if isinstance(show, Rate):
-                    out.append(slopes[system.names.index(show.state)])
-                elif isinstance(show, str):
-                    out.append(named[show])
-                else:
-                    with calling(f"model {system.name}: its output {name}"):
-                        out.append(show(t, named, held, values))
-            return out
 
-        names = [f"output {n}" for n in system.outputs]
-        return self._each(names, of, t, x, signals, self.jobs.theta.T, slopes)
+def along(
+    system: System, traces: Traces, at: Values, count: int, effect: Effect | None = None
+) -> dict[Key, Array]:
+    """Rates and outputs of a model, or rates of an effect without a shape, along a path, (count,).
+
+    ``at``: values by key, numbers or (count,).
+    """
+    part, traced = own_parts(system)[0], own_trace(system, traces)
+    if effect is not None:
+        candidate = Candidate(effect)
+        form = form_of(system, traces, candidate)
+        part, traced = effect_part(candidate), traces.effects[effect, form.text]
+    if isinstance(traced, Traced):
+        values = traced.tape.evaluated(traced.values.values(), at)
+        found = {t: values[n] for t, n in traced.values.items()}
+    else:
+        at = {k: np.broadcast_to(v, (count,)) for k, v in at.items()}
+        found = _Each(part, together=False)(at, count)
+    return {t: np.array(np.broadcast_to(v, (count,))) for t, v in found.items()}
+
+
+def _each(traces: Traces, key: Any, parts: Sequence[Part]) -> list[_Each]:
+    known = traces.compared.get(key, (False,) * len(parts))
+    return [_Each(p, together) for p, together in zip(parts, known, strict=True)]
+
+
+def _read_only(values: Array) -> Array:
+    """Values that a function cannot change."""
+    view = values.view()
+    view.setflags(write=False)
+    return view

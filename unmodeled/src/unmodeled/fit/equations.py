@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import sensitivities, simulated
+from unmodeled.fit.batch import LONGEST, RECORDS, along, doubts, sensitivities, simulated
 from unmodeled.fit.coordinates import (
     Coordinate,
     Coupling,
@@ -51,7 +51,7 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
-from unmodeled.fit.traces import System, Traces, untraced
+from unmodeled.fit.traces import Key, System, Traces, Untrue, arguments, untraced
 from unmodeled.units import same_unit, to_si
 
 #: What an output is: a state by its name, its rate, or a function.
@@ -266,11 +266,14 @@ class Equations(Model):
             return Ready(self, tuple(records))
         self._check_rates(records)
         assumed = in_si(self, self._function, records)
+        self._traces.points = None  # those of all records
         try:
             self._check_inputs(records)
             out, notes = resolved(self._scaled(records), records)
             notes += untraced(out._system, out._traces)
             out.effects, sizes = sized(out, out.effects, self._unsized, records)
+        except Untrue:
+            raise
         except Error:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved = True
@@ -401,8 +404,7 @@ class Equations(Model):
         elif second.position:
             states[second.position] = q / coupling.ratio
         with np.errstate(all="ignore"):
-            given = self._given(record)
-            pushed = first.push(np.float64(1.0), record.time, x, *given)[first.speed]
+            pushed = first.push(np.float64(1.0), *arguments(self._given(record, x)))[first.speed]
             there, moved = (
                 self._along(record, values)[first.speed] for values in (x, Named(states))
             )
@@ -424,8 +426,10 @@ class Equations(Model):
         """
         if effect.rate is None or effect.hidden or effect.shapes != (None,):
             return False
-        change = effect.rate(record.time, x, *self._given(record), 1.0, None)
-        own = np.stack([change.get(s.name, 0.0) + 0.0 * record.time for s in self._states])
+        at = {**self._given(record, x), ("size",): 1.0}
+        change = along(self._system, self._traces, at, record.samples, effect)
+        none = np.zeros(record.samples)
+        own = np.stack([change.get(("rate", s.name), none) for s in self._states])
         if not own.any():
             return False
         for q in (q for q in self.parameters if q.sd > 0.0 and not q.name.startswith(BETWEEN)):
@@ -438,27 +442,24 @@ class Equations(Model):
         return False
 
     def _given(
-        self, record: Record, changed: Mapping[str, float] | None = None
-    ) -> tuple[Named, Named]:
-        """Inputs of a record, and tabulated parameters but for those that are changed."""
+        self, record: Record, x: Named, changed: Mapping[str, float] | None = None
+    ) -> dict[Key, Any]:
+        """States, inputs of a record, and tabulated parameters but for those that are changed."""
         p = {q.name: q.value for q in self.parameters if not q.name.startswith(BETWEEN)}
-        return Named({n: record.inputs[n] for n in self.inputs}), Named(p | dict(changed or {}))
+        named = (
+            ("x", values_of(x)),
+            ("u", {n: record.inputs[n] for n in self.inputs}),
+            ("p", p | dict(changed or {})),
+        )
+        return {("t",): record.time} | {(k, n): v for k, of in named for n, v in of.items()}
 
     def _along(
         self, record: Record, x: Named, changed: Mapping[str, float] | None = None
     ) -> dict[str, Array]:
-        """Rates by state along a path: by arrays, or by numbers if they do not take arrays."""
-        u, p = self._given(record, changed)
-        try:
-            found = self._rates(record.time, x, u, p)
-        except Exception:
-            rows = []
-            for i, t in enumerate(record.time):
-                at, given = (Named({n: v[i] for n, v in values_of(of).items()}) for of in (x, u))
-                rows.append(self._rates(t, at, given, p))
-            found = np.array(rows).T
-        names = [s.name for s in self._states]
-        return {n: 0.0 * record.time + v for n, v in zip(names, found, strict=True)}
+        """Rates by state along a path."""
+        at = self._given(record, x, changed)
+        found = along(self._system, self._traces, at, record.samples)
+        return {s.name: found["rate", s.name] for s in self._states}
 
     def accepts(self, effect: Effect) -> bool:
         """Whether an effect has a ``rate``, or is a sensor or input effect."""
@@ -479,6 +480,11 @@ class Equations(Model):
         self._check_batches([(record, jobs)])
         with np.errstate(all="ignore"):
             return simulated(self._system, self._traces, [(record, jobs)])[0][1]
+
+    def doubts(self, batches: Sequence[Batch]) -> tuple[str, ...]:
+        """See :class:`~unmodeled.fit.Model`."""
+        with np.errstate(all="ignore"):
+            return doubts(self._system, self._traces, batches)
 
     def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
         """Derivatives along the tape of the rates, or by differences if the rates jump."""
@@ -560,8 +566,6 @@ FINE = 1.0
 LEAST_NOISE = 1e-3
 #: Largest number of substeps.
 MOST = 16
-#: Number of samples of a record, and of records, that are tested.
-LONGEST, RECORDS = 1500, 4
 
 
 def resolved(model: Equations, records: Sequence[Record]) -> tuple[Equations, list[str]]:
@@ -725,8 +729,8 @@ class _Read(Named):
     def __init__(self, draw: Callable[[], Array]):
         self._values: dict[str, Any] = {}
         self._draw = draw
-        self.place: int | slice = slice(None)
-        """Points whose values are read."""
+        self.place = 0
+        """Point whose values are read."""
 
     def __getitem__(self, name: str) -> Any:
         return self._values.setdefault(name, self._draw())[self.place]
@@ -773,20 +777,14 @@ def trial(
         u._values.update({n: draw() for n in inputs})
 
     def at(values: Values, x: Values = x) -> list[Array]:
-        """Rates at all points: by arrays, or by numbers if they do not take arrays."""
-
-        def called(place: int | slice) -> list[Array]:
-            u.place = place
-            named = (Named({n: v[place] for n, v in of.items()}) for of in (x, values))
-            with np.errstate(all="ignore"):
-                found = rates(np.zeros(POINTS)[place], next(named), u, next(named))
-            zeros = np.zeros(POINTS)[place]
-            return [zeros + np.asarray(v, dtype=np.float64) for v in found]
-
-        try:
-            return called(slice(None))
-        except Exception:
-            return list(np.array([called(k) for k in range(POINTS)]).T)
+        """Rates at all points."""
+        rows = []
+        with np.errstate(all="ignore"):
+            for u.place in range(POINTS):
+                named = (Named({n: v[u.place] for n, v in of.items()}) for of in (x, values))
+                found = rates(np.float64(0.0), next(named), u, next(named))
+                rows.append([float(v) for v in found])
+        return list(np.array(rows).T)
 
     heavy: dict[str, list[Array]] = {}
     try:

@@ -551,6 +551,11 @@ class Model(ABC):
         del record, jobs
         return None
 
+    def doubts(self, batches: Sequence[Batch]) -> tuple[str, ...]:
+        """Sentences about functions that give other numbers along motions than the runs had."""
+        del batches
+        return ()
+
     def with_parameters(self, parameters: Mapping[str, Parameter]) -> Model:
         """Copy with other values and priors of some parameters, by their names.
 

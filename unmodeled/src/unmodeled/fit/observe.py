@@ -46,7 +46,7 @@ def observe(
 
 def motion(model: Model, record: Record, jobs: Jobs) -> Array | None:
     """States over a record, (n, nx), of a single job with its input effects; None: it has none."""
-    ((_, batch),) = _excited(record, jobs)
+    ((_, batch),) = excited(record, jobs)
     path = model.motion(*batch)
     return None if path is None else path[0]
 
@@ -59,12 +59,12 @@ def observe_all(model: Model, batches: Sequence[Batch]) -> list[Array]:
     """
     if not batches:
         return []
-    excited = [_excited(record, jobs) for record, jobs in batches]
+    split = [excited(record, jobs) for record, jobs in batches]
     with calling(f"model {model.name}: its simulation"):
-        runs = iter(model.simulate_all([batch for parts in excited for _, batch in parts]))
+        runs = iter(model.simulate_all([batch for parts in split for _, batch in parts]))
     return [
         _observed(model, record, jobs, [(rows, next(runs)) for rows, _ in parts])
-        for (record, jobs), parts in zip(batches, excited, strict=True)
+        for (record, jobs), parts in zip(batches, split, strict=True)
     ]
 
 
@@ -107,7 +107,7 @@ def _changed(candidate: Candidate, record: Record, size: float) -> Record:
         return record.with_changed_inputs(lambda whole: excite(whole, size, candidate.shape))
 
 
-def _excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]:
+def excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]:
     """Split jobs by the magnitudes of their input effects, and apply these to the record.
 
     Returns for each set of magnitudes the rows, the record with changed inputs, and its jobs.

@@ -24,8 +24,15 @@ Node = int
 Target = tuple[Any, Any]
 
 
-class NotTraceable(TypeError):
-    """A function needs the number of a symbol, for example for an index."""
+class NotTraceable(BaseException):
+    """A function needs the number of a symbol, for example for an index.
+
+    No ``except Exception`` of a user catches it; what does is found by :attr:`Tape.refused`.
+    """
+
+
+class Kept(NotTraceable):
+    """A symbol is used after its call: the function has a state of its own."""
 
 
 def _where(a: Any, b: Any, c: Any) -> Any:
@@ -100,6 +107,10 @@ class Tape:
         self._path: dict[Node, bool] = {}
         """Conditions that a function asked for, and the answers."""
         self._answers: tuple[bool, ...] = ()
+        self.refused: NotTraceable | None = None
+        """What a function asked for that a symbol does not have, whether it caught that or not."""
+        self.closed = False
+        """Whether the function has returned."""
         self.zero = self.constant(0.0)
         self.one = self.constant(1.0)
 
@@ -122,6 +133,11 @@ class Tape:
         row = self.nodes[node]
         return float.fromhex(row[1]) if row[0] == "constant" else None
 
+    def refuse(self, why: str) -> NoReturn:
+        """Raise that a function cannot be traced, and remember it."""
+        self.refused = NotTraceable(why)
+        raise self.refused
+
     def of(self, value: Any) -> Node:
         """Node of a symbol or a number.
 
@@ -131,19 +147,20 @@ class Tape:
             The value is no real number.
         """
         if isinstance(value, Symbol):
-            if value.tape is not self:
-                raise NotTraceable("a symbol of an earlier call was kept")
+            if self.closed or value.tape is not self:
+                self.refused = Kept("a symbol of an earlier call was kept")
+                raise self.refused
             return value.node
         if isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
             return self.of(value.reshape(-1)[0])
         if np.iscomplexobj(value):
-            raise NotTraceable(f"complex numbers, such as {value!r:.40}")
+            self.refuse(f"complex numbers, such as {value!r:.40}")
         if np.size(value) != 1:
-            raise NotTraceable(f"an array of {np.size(value)} numbers where one value is expected")
+            self.refuse(f"an array of {np.size(value)} numbers where one value is expected")
         try:
             return self.constant(float(np.asarray(value).reshape(-1)[0]))
         except (TypeError, ValueError):
-            raise NotTraceable(f"{type(value).__name__} where a number is expected") from None
+            self.refuse(f"{type(value).__name__} where a number is expected")
 
     def table(self, knots: Any, values: Any) -> int:
         """Place of a table of constants."""
@@ -155,13 +172,16 @@ class Tape:
         self.tables.append(table)
         return len(self.tables) - 1
 
-    def add(self, name: str, *args: Node) -> Node:
-        """Node of an operation, which is simplified if its arguments are constants."""
+    def add(self, name: str, *args: Node, exact: bool = False) -> Node:
+        """Node of an operation, which is simplified if its arguments are constants.
+
+        ``exact``: only where it has the same value also for infinite numbers.
+        """
         known = [self.value(a) for a in args] if name not in ("interp", "slope") else [None]
         if all(v is not None for v in known):
             with np.errstate(all="ignore"):
                 return self.constant(float(FUNCTIONS[name](*map(np.float64, known))))
-        simple = self._simplified(name, args, known)
+        simple = None if exact and 0.0 in known[:2] else self._simplified(name, args, known)
         return self._node((name, *args)) if simple is None else simple
 
     def _simplified(
@@ -210,13 +230,13 @@ class Tape:
 
     def asked(self, node: Node) -> bool:
         """Answer to a branch of Python: the function is called again with the other one."""
-        known = self.value(node)
+        known = self.value(self.of(Symbol(self, node)))
         if known is not None:
             return known != 0.0
         if node not in self._path:
             k = len(self._path)
             if k >= PATHS:
-                raise NotTraceable(f"more than {PATHS} branches, or a loop, depend on values")
+                self.refuse(f"more than {PATHS} branches, or a loop, depend on values")
             self._path[node] = self._answers[k] if k < len(self._answers) else True
         return self._path[node]
 
@@ -229,9 +249,11 @@ class Tape:
     ) -> dict[Any, Node]:
         left[0] -= 1
         if left[0] < 0:
-            raise NotTraceable(f"more than {PATHS} paths through branches that depend on values")
+            self.refuse(f"more than {PATHS} paths through branches that depend on values")
         self._path, self._answers = {}, answers
         found = {key: self.of(v) for key, v in function().items()}
+        if self.refused is not None:  # the function caught it
+            raise self.refused
         path = list(self._path.items())
         for k in range(len(path) - 1, len(answers) - 1, -1):
             taken = tuple(answer for _, answer in path[:k])
@@ -242,6 +264,22 @@ class Tape:
                 )
                 for key in dict.fromkeys([*found, *other])
             }
+        return found
+
+    def evaluated(self, wanted: Iterable[Node], at: Mapping[Any, Any]) -> dict[Node, Any]:
+        """Values of nodes from those of the inputs by key: numbers, or arrays of one shape."""
+        found: dict[Node, Any] = {}
+        with np.errstate(all="ignore"):
+            for node in sorted(_needed(self.nodes, wanted)):
+                name, *args = self.nodes[node]
+                if name == "input":
+                    found[node] = at[args[0]]
+                elif name == "constant":
+                    found[node] = float.fromhex(args[0])
+                elif name in ("interp", "slope"):
+                    found[node] = FUNCTIONS[name](found[args[0]], self.tables[args[1]])
+                else:
+                    found[node] = FUNCTIONS[name](*(found[a] for a in args))
         return found
 
     # ------------------------------------------------------------------------------ derivatives
@@ -360,10 +398,10 @@ def _recorded(name: str, *args: Any) -> Any:
     """Result of an operation of which at least one argument is a symbol."""
     if name in _COMPOSED:
         return _COMPOSED[name](*args)
+    tape: Tape = next(a.tape for a in args if isinstance(a, Symbol))
     if name not in _CODE:
-        raise NotTraceable(f"np.{name} cannot be traced")
-    tape = next(a.tape for a in args if isinstance(a, Symbol))
-    return Symbol(tape, tape.add(name, *map(tape.of, args)))
+        tape.refuse(f"np.{name} cannot be traced")
+    return Symbol(tape, tape.add(name, *map(tape.of, args), exact=True))
 
 
 def _operator(name: str, swap: bool = False) -> Callable[[Symbol, Any], Any]:
@@ -380,8 +418,8 @@ def _method(name: str) -> Callable[[Symbol], Any]:
 
 
 def _refusal(what: str) -> Callable[[Symbol], NoReturn]:
-    def refuse(_: Symbol) -> NoReturn:
-        raise NotTraceable(what)
+    def refuse(symbol: Symbol) -> NoReturn:
+        symbol.tape.refuse(what)
 
     return refuse
 
@@ -393,14 +431,13 @@ class Symbol:
     shape = ()
     ndim = 0
     size = 1
-    dtype = np.dtype(np.float64)
 
     def __init__(self, tape: Tape, node: Node):
         self.tape, self.node = tape, node
 
     def __array_ufunc__(self, ufunc: Any, method: str, *args: Any, **options: Any) -> Any:
-        if method != "__call__" or options.get("out") is not None:
-            raise NotTraceable(f"np.{ufunc.__name__}.{method} of a value, or with out=")
+        if method != "__call__" or options:
+            self.tape.refuse(f"np.{ufunc.__name__}.{method} of a value, or with an option")
         if any(isinstance(a, np.ndarray) and a.ndim for a in args):
             each = np.frompyfunc(ufunc, len(args), 1)
             return each(*(np.asarray(a, dtype=object) for a in args))
@@ -408,7 +445,7 @@ class Symbol:
 
     def __array_function__(self, func: Any, types: Any, args: Any, options: Any) -> Any:
         if func.__name__ not in _ARRAY_FUNCTIONS:
-            raise NotTraceable(f"np.{func.__name__} cannot be traced")
+            self.tape.refuse(f"np.{func.__name__} cannot be traced")
         return _ARRAY_FUNCTIONS[func.__name__](*args, **options)
 
     def __bool__(self) -> bool:
@@ -418,12 +455,6 @@ class Symbol:
         "a number of Python is needed, as by functions of math, or by an array of numbers"
     )
     __int__ = __index__ = __complex__ = __float__
-
-    def astype(self, kind: Any, **_: Any) -> Symbol:
-        """Itself as a float; whole numbers are refused."""
-        if np.dtype(kind).kind in "iu":
-            raise NotTraceable("a value is converted to a whole number")
-        return self
 
     def copy(self) -> Symbol:
         """Itself: symbols do not change."""
@@ -454,23 +485,49 @@ class Symbol:
     tanh, sinh, cosh, sign = map(_method, ("tanh", "sinh", "cosh", "sign"))
 
 
-def _clip(a: Any, a_min: Any = None, a_max: Any = None, **options: Any) -> Any:
-    lower, upper = options.get("min", a_min), options.get("max", a_max)
+def _clip(a: Any, a_min: Any = None, a_max: Any = None, *, min: Any = None, max: Any = None) -> Any:
+    lower, upper = (a_min if min is None else min), (a_max if max is None else max)
     a = a if lower is None else np.maximum(a, lower)
     return a if upper is None else np.minimum(a, upper)
 
 
 def _interp(x: Any, xp: Any, fp: Any, left: Any = None, right: Any = None) -> Any:
+    tape = next(v.tape for v in (x, *np.ravel(xp), *np.ravel(fp)) if isinstance(v, Symbol))
     if left is not None or right is not None or not isinstance(x, Symbol):
-        raise NotTraceable("np.interp with a table of values, or with left= or right=")
+        tape.refuse("np.interp with a table of values, or with left= or right=")
     if np.size(xp) < 2 or np.size(xp) != np.size(fp) or not np.all(np.diff(xp) > 0.0):
-        raise NotTraceable("np.interp with a table that does not grow")
+        tape.refuse("np.interp with a table that does not grow")
     return Symbol(x.tape, x.tape.add("interp", x.node, x.tape.table(xp, fp)))
 
 
 def _truth(value: Any) -> Any:
     """1 for true, 0 for false."""
     return 1.0 - np.equal(value, 0.0)
+
+
+def _arcsinh(a: Any) -> Any:
+    """By log1p, which keeps the digits of small numbers."""
+    size = np.absolute(a)
+    return np.sign(a) * np.log1p(size + size * size / (1.0 + np.sqrt(size * size + 1.0)))
+
+
+def _halves(a: Any) -> tuple[Any, Any]:
+    """A number as a sum of two with half of its digits (Veltkamp)."""
+    shifted = 134217729.0 * a
+    high = shifted - (shifted - a)
+    return high, a - high
+
+
+def _divided(a: Any, b: Any) -> tuple[Any, Any]:
+    """Whole quotient and remainder; the product of both is exact (Dekker), as in NumPy."""
+    q = np.floor(a / b)
+    product = q * b
+    (q1, q2), (b1, b2) = _halves(q), _halves(b)
+    lost = ((q1 * b1 - product) + q1 * b2 + q2 * b1) + q2 * b2
+    rest = (a - product) - lost
+    over = 1.0 * np.less_equal(np.absolute(b), np.absolute(rest)) * np.less_equal(0.0, rest * b)
+    under = 1.0 * np.less(rest * b, 0.0)
+    return q + over - under, rest + (under - over) * b
 
 
 _COMPOSED: dict[str, Callable[..., Any]] = {
@@ -488,15 +545,16 @@ _COMPOSED: dict[str, Callable[..., Any]] = {
     "float_power": np.power,
     "hypot": lambda a, b: np.sqrt(a * a + b * b),
     "exp2": lambda a: np.power(2.0, a),
+    "cbrt": lambda a: np.sign(a) * np.power(np.absolute(a), 1.0 / 3.0),
     "log2": lambda a: np.log(a) / math.log(2.0),
     "log10": lambda a: np.log(a) / math.log(10.0),
-    "arcsinh": lambda a: np.sign(a) * np.log(abs(a) + np.sqrt(a * a + 1.0)),
+    "arcsinh": _arcsinh,
     "arctanh": lambda a: 0.5 * (np.log1p(a) - np.log1p(-a)),
     "degrees": lambda a: a * (180.0 / math.pi),
     "radians": lambda a: a * (math.pi / 180.0),
     "ceil": lambda a: -np.floor(-a),
-    "floor_divide": lambda a, b: np.floor(a / b),
-    "remainder": lambda a, b: a - b * np.floor(a / b),
+    "floor_divide": lambda a, b: _divided(a, b)[0],
+    "remainder": lambda a, b: _divided(a, b)[1],
     "heaviside": lambda a, b: np.where(np.equal(a, 0.0), b, np.less(0.0, a)),
     "copysign": lambda a, b: np.absolute(a) * (1.0 - 2.0 * np.less(b, 0.0)),
     "isnan": lambda a: 1.0 - np.equal(a, a),
@@ -514,15 +572,15 @@ _ARRAY_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "where": lambda condition, a, b: _recorded("where", condition, a, b),
     "clip": _clip,
     "interp": _interp,
-    "zeros_like": lambda *_, **__: 0.0,
-    "ones_like": lambda *_, **__: 1.0,
-    "full_like": lambda _, value, **__: value,
+    "zeros_like": lambda _: 0.0,
+    "ones_like": lambda _: 1.0,
+    "full_like": lambda _, value: value,
     "shape": lambda _: (),
     "ndim": lambda _: 0,
     "size": lambda _: 1,
     "iscomplexobj": lambda _: False,
     "real": lambda a: a,
-    "copy": lambda a, **_: a,
+    "copy": lambda a: a,
 }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -12,12 +12,15 @@ import numpy as np
 
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.calling import explained
+from unmodeled.fit.calling import explained, line_of
 from unmodeled.fit.coordinates import Named, Rate, values_of
 from unmodeled.fit.model import BETWEEN, Candidate, Effect, State
-from unmodeled.fit.tape import NotTraceable, Symbol, Tape, Traced
+from unmodeled.fit.reads import Words
+from unmodeled.fit.tape import Kept, Node, NotTraceable, Tape, Traced
 
 Key = tuple[Any, ...]
+#: Values by key of the inputs of a tape.
+Values = Mapping[Key, Any]
 Push = Callable[[Any, Any, Named, Named, Named], Mapping[str, Any]]
 
 
@@ -89,9 +92,22 @@ class Traces:
     ports: dict[str, Traced] = field(default_factory=dict)
     signals: WeakKeyDictionary[Record, dict[Any, Array]] = field(default_factory=WeakKeyDictionary)
     """Signals of records between their samples, as long as the records exist."""
+    points: Mapping[Key, Array] | None = None
+    """Values at which functions are compared with their traces, (points,)."""
+    compared: dict[Any, tuple[bool, ...]] = field(default_factory=dict)
+    """Whether the functions of a system, an effect or a port give with arrays of all jobs what they
+    give with numbers; absent: not compared yet."""
+    read: dict[Any, tuple[Mapping[Any, Words], frozenset[Any]]] = field(default_factory=dict)
+    """What they read beside their arguments, and the places that they write, by the same keys."""
 
     def __reduce__(self) -> Any:
         return Traces, ()
+
+    def forget(self) -> None:
+        """Trace and compare anew: a function reads other values now."""
+        self.own = None
+        for known in (self.effects, self.programs, self.ports, self.compared, self.read):
+            known.clear()
 
 
 # ------------------------------------------------------------------------------------- tracing
@@ -112,62 +128,121 @@ def untraced(system: System, traces: Traces, effects: Sequence[Effect] = ()) -> 
     ]
 
 
-def _twice(of: Callable[[], Traced], what: str) -> Traced | NotTraceable:
-    """The trace of a function; the reason if it cannot be traced.
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A function of the user, as a function of the values of the inputs of a tape by key."""
+
+    what: str
+    """Words for it, which "raises" or "gives" may follow."""
+    function: Any
+    of: Callable[[Values], dict[Key, Any]]
+    """Values by target, from numbers, arrays of jobs or symbols."""
+
+
+def arguments(at: Values) -> tuple[Any, Named, Named, Named]:
+    """Time, states, inputs and parameters as a function gets them."""
+    named: dict[str, dict[str, Any]] = {"x": {}, "u": {}, "p": {}}
+    for (kind, *name), value in at.items():
+        if kind in named:
+            named[kind][name[0]] = value
+    return at["t",], *map(Named, named.values())
+
+
+def keys_of(system: System) -> list[Key]:
+    """Inputs of the tapes of a system."""
+    own = [n for n in system.parameters if not n.startswith(BETWEEN)]
+    named = (("x", system.names), ("u", system.inputs), ("p", own))
+    return [("t",), *((kind, n) for kind, names in named for n in names)]
+
+
+def own_parts(system: System) -> list[Part]:
+    """Rates, and each output that is a function."""
+
+    def rates(at: Values) -> dict[Key, Any]:
+        names = [("rate", n) for n in system.names]
+        return dict(zip(names, rates_of(system, *arguments(at)), strict=True))
+
+    def output(name: str, of: Callable[..., Any]) -> Part:
+        what = f"model {system.name}: its output {name}"
+        return Part(what, of, lambda at: {("output", name): of(*arguments(at))})
+
+    functions = {n: of for n, of in system.outputs.items() if not isinstance(of, str | Rate)}
+    first = Part(f"model {system.name}: its rates function", system.rates, rates)
+    return [first, *(output(n, of) for n, of in functions.items())]
+
+
+def effect_part(candidate: Candidate, symbols: bool = False) -> Part:
+    """The rate of an effect. ``symbols``: the floats of the shape are among the values."""
+
+    def rate(at: Values) -> dict[Key, Any]:
+        shape = candidate.shape
+        if symbols:
+            parts = list(shape) if isinstance(shape, tuple) else [shape]
+            places = [i for i, v in enumerate(parts) if isinstance(v, float)]
+            for k, i in enumerate(places):
+                parts[i] = at["shape", k]
+            shape = tuple(parts) if isinstance(shape, tuple) else parts[0]
+        found = changes_of(candidate, *arguments(at), at["size",], shape)
+        return {("rate", n): v for n, v in found.items()}
+
+    return Part(f"effect {candidate.name}: its rate", candidate.effect.rate, rate)
+
+
+def port_part(system: System, name: str) -> Part:
+    """The rates that a force at a port causes."""
+    push = system.ports[name]
+
+    def pushed(at: Values) -> dict[Key, Any]:
+        found = push(at["force",], *arguments(at))
+        return {("rate", n): v for n, v in found.items()}
+
+    return Part(f"model {system.name}: its port {name}", push, pushed)
+
+
+def _traced(parts: Sequence[Part], keys: Iterable[Key]) -> Traced | NotTraceable:
+    """The trace of functions; the reason if one of them cannot be traced.
 
     Raises
     ------
     InvalidParameter
-        Two calls differ, or the values are of no use.
+        The values are of no use, or a function has a state of its own.
     """
+    tape = Tape()
+    nodes: dict[Key, Node] = {}
     try:
         with np.errstate(all="ignore"):
-            one, other = of(), of()
+            at = {k: tape.input(k) for k in keys}
+            for part in parts:
+                nodes |= tape.called(functools.partial(part.of, at))
     except Error:
         raise
-    except NotTraceable as error:
+    except Kept:
+        raise has_state(part) from None
+    except (NotTraceable, Exception) as error:
         return NotTraceable(explained(error).removeprefix("NotTraceable: "))
-    except Exception as error:
-        return NotTraceable(explained(error))
-    if one.tape.nodes != other.tape.nodes or one.values != other.values:
-        raise InvalidParameter(
-            f"{what} differ between two equal calls: expected a function of its arguments alone, "
-            "without random numbers, counters or other states of its own"
-        )
-    return one
+    finally:
+        tape.closed = True
+    return Traced.of(tape, nodes)
+
+
+class Untrue(InvalidParameter):
+    """A function differs from its trace, or from itself."""
+
+
+def has_state(part: Part, detail: str = "it uses a value of an earlier call") -> Untrue:
+    """Error about a function that remembers."""
+    return Untrue(
+        f"{part.what} differs between two equal calls: {detail}{line_of(part.function)}; expected "
+        "a function of its arguments alone, without random numbers, counters or other states of "
+        "its own; what it must remember is a state of the model"
+    )
 
 
 def own_trace(system: System, traces: Traces) -> Traced | NotTraceable:
     """Trace of rates and outputs."""
-
-    def trace() -> Traced:
-        tape = Tape()
-        t, x, u, p = _arguments(system, tape)
-        named = [("rate", n) for n in system.names]
-        nodes = tape.called(lambda: dict(zip(named, rates_of(system, t, x, u, p), strict=True)))
-        for name, of in system.outputs.items():
-            if not isinstance(of, str | Rate):
-                shown = functools.partial(of, t, x, u, p)
-                nodes |= tape.called(lambda n=name, y=shown: {("output", n): y()})  # type: ignore[misc]
-        return Traced.of(tape, nodes)
-
     if traces.own is None:
-        traces.own = _twice(trace, f"model {system.name}: its rates or outputs")
+        traces.own = _traced(own_parts(system), keys_of(system))
     return traces.own
-
-
-def _arguments(system: System, tape: Tape) -> tuple[Symbol, Named, Named, Named]:
-    """Symbols of time, states, inputs and parameters."""
-
-    def named(kind: str, names: Sequence[str]) -> Named:
-        return Named({n: tape.input((kind, n)) for n in names})
-
-    return (
-        tape.input(("t",)),
-        named("x", system.names),
-        named("u", system.inputs),
-        named("p", [n for n in system.parameters if not n.startswith(BETWEEN)]),
-    )
 
 
 def form_of(system: System, traces: Traces, candidate: Candidate) -> Form:
@@ -197,37 +272,23 @@ def floats_of(form: Form, shape: Any) -> list[float]:
 def _effect(system: System, candidate: Candidate, symbols: bool) -> Traced | NotTraceable:
     """Trace of the rate of an effect."""
     check_names(system, candidate)
+    keys = effect_keys(system, candidate, symbols)
+    return _traced([effect_part(candidate, symbols)], keys)
 
-    def trace() -> Traced:
-        tape, shape = Tape(), candidate.shape
-        t, x, u, p = _arguments(system, tape)
-        if symbols:
-            parts = list(shape) if isinstance(shape, tuple) else [shape]
-            places = [i for i, v in enumerate(parts) if isinstance(v, float)]
-            for k, i in enumerate(places):
-                parts[i] = tape.input(("shape", k))
-            shape = tuple(parts) if isinstance(shape, tuple) else parts[0]
-        hidden = {h.name: tape.input(("x", h.name)) for h in candidate.effect.hidden}
-        seen = Named({**values_of(x), **hidden})
-        size = tape.input(("size",))
 
-        def changes() -> dict[Any, Any]:
-            found = changes_of(candidate, t, seen, u, p, size, shape)
-            return {("rate", n): v for n, v in found.items()}
-
-        return Traced.of(tape, tape.called(changes))
-
-    return _twice(trace, f"effect {candidate.name}: its rates")
+def effect_keys(system: System, candidate: Candidate, symbols: bool) -> list[Key]:
+    """Inputs of the tape of an effect."""
+    hidden = [("x", h.name) for h in candidate.effect.hidden]
+    parts = candidate.shape if isinstance(candidate.shape, tuple) else (candidate.shape,)
+    floats = sum(isinstance(v, float) for v in parts) if symbols else 0
+    return [*keys_of(system), *hidden, ("size",), *(("shape", k) for k in range(floats))]
 
 
 def port_trace(system: System, traces: Traces, name: str) -> Traced:
     """Trace of the rates that a force at a port causes."""
     if name not in traces.ports:
-        tape = Tape()
-        t, x, u, p = _arguments(system, tape)
-        pushed = system.ports[name](tape.input(("force",)), t, x, u, p)
-        nodes = {("rate", n): tape.of(v) for n, v in pushed.items()}
-        traces.ports[name] = Traced.of(tape, nodes)
+        found = _traced([port_part(system, name)], [*keys_of(system), ("force",)])
+        traces.ports[name] = traced_of(found)
     return traces.ports[name]
 
 

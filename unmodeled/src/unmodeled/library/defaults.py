@@ -31,8 +31,6 @@ from unmodeled.units import same_unit
 TYPICAL = 0.98
 #: Typical loss of a level by a missing flow, as a share of its own rate [1].
 FLOW = 0.1
-#: Motion that is rounding, as a share of the values [1].
-STILL = 1e-12
 
 
 @checked
@@ -162,7 +160,7 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
     def rates(values: Sequence[Array]) -> list[Array]:
         slopes = [np.gradient(v, t) for v, t in zip(values, times, strict=True)]
         # Of a state that stays where it is, an uneven clock shows the rounding.
-        moves = [np.ptp(v) > STILL * np.abs(v).max() for v in values]
+        moves = [np.ptp(v) > 1e3 * np.spacing(np.abs(v).max()) for v in values]
         return [s * moving for s, moving in zip(slopes, moves, strict=True)]
 
     used: set[str] = set()
