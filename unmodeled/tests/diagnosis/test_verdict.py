@@ -189,6 +189,24 @@ def test_what_explains_the_records_as_well_is_in_the_class(monkeypatch):
     assert found() == [0, 1, 2]
 
 
+@pytest.mark.parametrize(
+    ("causes", "weight", "found"),
+    [
+        # One member is exchanged for another cause beside each of the others.
+        ([(0, 1), (0, 2), (1, 3), (0, 4)], [0.44, 0.15, 0.3, 0.11], {0: [3], 1: [2, 4]}),
+        ([(0, 1), (0, 2), (0,)], [0.6, 0.35, 0.05], {1: [2]}),
+        ([(0, 1), (0,)], [0.95, 0.05], {}),
+        # Both are exchanged together: what else is probable is told with each.
+        ([(0, 1), (2, 3)], [0.55, 0.45], {0: [2], 1: [3]}),
+    ],
+)
+def test_an_equivalent_stands_for_one_member_beside_the_others(causes, weight, found, monkeypatch):
+    monkeypatch.setattr(verdict, "_with_equivalents", lambda _, __, ___, group: group)
+    some = sets(*causes)
+    chosen = Given(best=some[0], problem=None, searched=Given(alike=[]))
+    assert verdict._equivalents(chosen, some, np.array(weight), 0.9) == found
+
+
 def test_one_side_of_a_magnitude_has_half_of_the_prior():
     """The share of the posterior on the permitted side, over that of the prior."""
     for sign in (1, -1, 0):

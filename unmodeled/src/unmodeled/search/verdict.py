@@ -15,7 +15,7 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.fit.model import Effect, Parameter, UserUnit
-from unmodeled.search.choice import UNLIKELY, Chosen, Need, choose
+from unmodeled.search.choice import SAME, UNLIKELY, Chosen, Need, choose
 from unmodeled.search.evidence import Fitted, log_evidence, log_odds, prior_of, weights
 from unmodeled.search.fit import Start, empty_point, fit_sets
 from unmodeled.search.held_out import HALF, compare
@@ -294,13 +294,18 @@ def _equivalents(
 ) -> dict[int, list[int]]:
     """Equivalents of each member of the chosen set.
 
-    They are the other members of its class, and what explains the records equally well.
+    They are the other members of its class beside the other members of the set, else of its class
+    in all sets, and what explains the records equally well.
     """
     told, classes = _told([s.causes for s in sets], weight, credibility)
     members, out = set(chosen.best.causes), {}
     for i in chosen.best.causes:
-        group = next((g for g in ([k] for k in told) if i in g), None)
-        group = group or next((g for g in classes if i in g), [i])
+        others = members - {i}
+        beside = [k for k, s in enumerate(sets) if others <= {*s.causes}]
+        share = weight[beside] / weight[beside].sum()
+        _, own = _told([{*sets[k].causes} - others for k in beside], share, credibility)
+        known = [[k] for k in told] + own + classes
+        group = next((g for g in known if i in g), [i])
         whole = _with_equivalents(chosen.problem, chosen.searched.alike, sets, group)
         rest = [k for k in whole if k != i and k not in members]
         if rest:
@@ -484,7 +489,7 @@ def _reasons(
     found = any(told.values()) or any(c.material for c in channels)
     lost = {answer.chosen.best.causes, ()} - {k for k, v in chosen.predicted.items() if v}
     reasons = {
-        Reason.DIFFERS_BETWEEN_RECORDS: any(n.left and n.differs < 1.0 and not n.refused
+        Reason.DIFFERS_BETWEEN_RECORDS: any(n.left and n.differs < SAME
                                             for n in chosen.needs.values()),
         Reason.NOT_COMPLETE: searched.ended_by is not None,
         Reason.INTERRUPTED: interrupted(searched.ended_by),
