@@ -78,7 +78,7 @@ def test_it_is_the_model_with_the_candidate():
 
 def test_with_the_effect_included_there_is_no_gap():
     data = models.records(1, dry=6e-3)
-    (missing,) = diagnose(models.NOMINAL, models.EFFECTS, data).named
+    ((missing,),) = diagnose(models.NOMINAL, models.EFFECTS, data).small  # the damping imitates it
     assert missing.cause == "dry friction"
     model = including(models.NOMINAL, [models.DRY])
     report = diagnose(model, [models.CUBIC], data)

@@ -26,6 +26,8 @@ from unmodeled.search.search import Searched, linked, rank, with_all_records, wi
 #: Number of sets that are fitted to all records; probability, or odds to the best one, below which
 #: a set is not possible.
 PREDICTED, UNLIKELY = 8, 1e-3
+#: Probability of a set above which the sets without one of its members are fitted.
+POSSIBLE = 0.01
 #: Probability of the differences of a magnitude between records below which they are real.
 SAME = 0.01
 #: Log of the ratio of the held-out residuals without and with a member that it must surely exceed.
@@ -167,6 +169,10 @@ def _with_held_out(
 
 def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -> None:
     """The best of the sets that remain of the most probable and of the best predicting one."""
+    ranked, weight = rank(out.problem, list(out.everything.sets.values()))
+    for s, w in zip(ranked, weight, strict=True):
+        if w > POSSIBLE:  # every smaller set begins also from the parameters of the larger one
+            without_one(out.everything, s, check)
     starts = [best_of(out.problem, list(out.everything.sets.values()))]
     known = [s for s in out.everything.sets.values() if out.predicted.get(s.causes) is not None]
     if known:

@@ -39,7 +39,7 @@ class Fitted:
     linears: tuple[Linear, ...]
     noise: Array
     """Noise of each channel in units of the noise of its sensor [1], (m,), at least 1."""
-    serial: int = field(default_factory=itertools.count().__next__)
+    serial: int = field(init=False, default_factory=itertools.count().__next__)
     """Number of the fit: no other one has it."""
 
     @property
