@@ -112,6 +112,7 @@ def test_the_best_predicting_set_is_a_rival_of_the_most_probable_one(
     sets = {c: fitted(*c) for c in ((), (0,), rival)}
     predicted = dict.fromkeys(sets, object())
     out = Given(everything=Given(sets=sets), predicted=predicted, problem=None, alone=sets[()])
+    monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
     monkeypatch.setattr(choice, "best_of", lambda *_: sets[0,])
     monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (now, {}))
     monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: False)
@@ -139,6 +140,7 @@ def test_a_set_that_predicts_worse_than_the_mean_is_none(monkeypatch):
     # Then all its causes leave.
     sets = {(0,): one, (): fitted()}
     out = Given(everything=Given(sets=sets), predicted={}, problem=None, alone=sets[()])
+    monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
     monkeypatch.setattr(choice, "best_of", lambda *_: one)
     monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (now, {0: Need(9.0)}))
     monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: True)

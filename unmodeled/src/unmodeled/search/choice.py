@@ -169,10 +169,7 @@ def _with_held_out(
 
 def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -> None:
     """The best of the sets that remain of the most probable and of the best predicting one."""
-    ranked, weight = rank(out.problem, list(out.everything.sets.values()))
-    for s, w in zip(ranked, weight, strict=True):
-        if w > POSSIBLE:  # every smaller set begins also from the parameters of the larger one
-            without_one(out.everything, s, check)
+    _fit_smaller(out, check)
     starts = [best_of(out.problem, list(out.everything.sets.values()))]
     known = [s for s in out.everything.sets.values() if out.predicted.get(s.causes) is not None]
     if known:
@@ -192,6 +189,14 @@ def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -
         best, out.worse_than_mean = out.alone, True
         needs = {i: replace(n, left=True) for i, n in needs.items()}
     out.best, out.needs = best, needs
+
+
+def _fit_smaller(out: Chosen, check: Callable[[], None]) -> None:
+    """Fit the sets without one member of a possible set from the parameters of this one."""
+    ranked, weight = rank(out.problem, list(out.everything.sets.values()))
+    for s, w in zip(ranked, weight, strict=True):
+        if w > POSSIBLE:
+            without_one(out.everything, s, check)
 
 
 def _sure(options: Options) -> float:
