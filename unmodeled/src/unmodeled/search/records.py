@@ -15,6 +15,7 @@ from unmodeled.chain import fault_of, faults
 from unmodeled.data import Array, Record, Role
 from unmodeled.data.records import UNNAMED
 from unmodeled.data.smoothing import noise_of_samples
+from unmodeled.data.thinning import thinned
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter, near_names
 from unmodeled.fit.model import Effect, Model, Ready, start_in
@@ -53,7 +54,8 @@ def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
     model, records = matched.model, matched.records
     notes = check_records(records, model)
     records, told = _without_constant(records, model.outputs)
-    notes += [*numbers, *matched.notes, *told]
+    records, less = thinned(records, model.outputs)
+    notes += [*numbers, *matched.notes, *told, *less]
     ready = model.ready(records)
     return replace(ready, notes=tuple(dict.fromkeys((*notes, *ready.notes))))
 
