@@ -700,6 +700,14 @@ class Model(ABC):
         """How many runs so far were taken from the folder of :meth:`running`; empty: none."""
         return ""
 
+    @property
+    def resumed(self) -> str:
+        """What is kept of a diagnosis that ends before its answer, and how to go on."""
+        return (
+            "nothing is kept, and the same command begins anew; an interruption after the first "
+            "fit gives an answer, as a limit of time does (--seconds, in Python Options(seconds=))"
+        )
+
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare the model and all records of a fit or diagnosis.
 
