@@ -342,7 +342,9 @@ def _stopped(stage):
 
 
 def _records(*changes, last=3):
-    """Records a, b and, held out, c, with what acts in each."""
+    """Records a, b and, held out, c, with what acts in each; of six, none is held out."""
+    if len(changes) > 3:
+        return [spring_record("abcdef"[k], 2 + k, **change) for k, change in enumerate(changes)]
     (a, b, c) = changes
     return [
         spring_record("a", 2, **a),
@@ -357,7 +359,8 @@ FOREIGN = {"foreign": 1.0}
 REASONS = {
     Reason.NOISE_NOT_STATED: ((HARD, HARD, HARD), 3, {}),
     Reason.DIFFERS_BETWEEN_RECORDS: (
-        ({"hardening": 3000.0}, {"hardening": 1000.0}, HARD), 3, {},
+        [{"hardening": h} for h in (3000.0, 1500.0, 2200.0, 1200.0, 2800.0, 2000.0)], 3,
+        {"hold_out": ()},
     ),
     # At rest, a force remains that no model has: the mean predicts better.
     Reason.NOT_NEEDED: ((HARD, HARD, {"preload": 0.6}), 0, {}),

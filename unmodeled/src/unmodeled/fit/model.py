@@ -202,6 +202,8 @@ class Effect:
     tolerance_parameter: str = ""
     """Name of the parameter that the effect changes. A change within its tolerance is attributed to
     the parameter, and a much larger change to the effect."""
+    moves: int | None = None
+    """Index of the parameter to which its magnitude is added; None: it is no parameter."""
     tolerance_ratio: float = 1.0
     """Change of this parameter that acts as a magnitude of 1 does, to first order [unit of the
     parameter per unit of the effect]."""

@@ -30,6 +30,7 @@ from unmodeled.search.problem import (
     Problem,
     spread,
 )
+from unmodeled.search.scopes import with_scopes
 from unmodeled.units import same_unit, weight_hint, zero_and_factor
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
@@ -124,7 +125,8 @@ def prepare(
     _check_effects(ready.model, effects)
     fitted, held = split_records(ready.records, hold_out)
     problem = problem_of(ready.model, effects, fitted, held, options, ready.notes, ready.records)
-    return replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
+    problem = replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
+    return with_scopes(problem, [r.name for r in ready.records])
 
 
 def same_number(model: Model, effect: Effect) -> int | None:
@@ -178,7 +180,11 @@ def problem_of(
     clock = clock_rate()
     after = AFTER if model.states() and model.accepts(clock) else 0.0
     observed, unseen = (
-        tuple(_observed(model, r, names, noise, after) for r in part) for part in (fitted, held)
+        tuple(
+            replace(_observed(model, r, names, noise, after), number=k)
+            for r, k in zip(part, _places_of(part, measured), strict=True)
+        )
+        for part in (fitted, held)
     )
     of_records = _errors(model, effects, observed, names, clock)
     return Problem(
@@ -190,6 +196,12 @@ def problem_of(
         noise_estimated=all(s.sigma is None for s in sensors),
         notes=notes,
     )
+
+
+def _places_of(part: Sequence[Record], measured: Sequence[Record]) -> list[int]:
+    """Index of the measured record of each record; blocks of records are in their order."""
+    at = {id(r): k for k, r in enumerate(measured)}
+    return [at.get(id(r), k) for k, r in enumerate(part)]
 
 
 def _channels(model: Model, records: Sequence[Record]) -> tuple[int, ...]:

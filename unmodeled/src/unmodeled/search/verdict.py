@@ -122,7 +122,9 @@ def judge(
         gain = ratio, low, high
     lost = bool(shown.held_out) and (ours is None or base is None)
     tried = {i for s in searched.sets.values() for i in s.causes}
+    tried |= problem.families_of(tried)  # a scope is no further law
     order = dict.fromkeys((*(s.cause for s in searched.first), *range(len(problem.causes))))
+    order = {i: None for i in order if problem.causes[i].family < 0}
     tell("locate")
     ports: tuple[Place, ...] = ()
     material = [c.material for c in channels]
@@ -190,7 +192,7 @@ def judge(
         held_out_gain=gain,
         nothing=float(sum(w for s, w in zip(sets, weight, strict=True) if not s.causes)),
         not_tried=tuple(problem.causes[i].name for i in order if i not in tried),
-        causes=len(problem.causes),
+        causes=sum(c.family < 0 for c in problem.causes),
         refused=tuple(problem.causes[i].name for i in probable.causes if i in imitations),
         complete=searched.ended_by is None,
         notes=(*problem.notes, *trusted),
@@ -268,7 +270,7 @@ def _of_changes(result: Result) -> Result:
 def _inside(problem: Problem, cause: Cause) -> bool:
     """Whether a cause acts inside the model, not at an input or a sensor; no parameter does."""
     inputs = {f"input {n}" for o in problem.fit for n in o.record.inputs}
-    return not (cause.of_records or cause.parameter is not None or cause.component in inputs)
+    return not (cause.of_records or cause.of_parameter or cause.component in inputs)
 
 
 def _verdict(
