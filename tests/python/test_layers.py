@@ -492,3 +492,46 @@ def test_only_packages_and_documented_modules_list_public_names():
     assert listing
     unknown = [name for name in listing if not re.search(rf"\b{re.escape(name)}\b", text)]
     assert {name.removeprefix("feltmb.") for name in unknown} <= attributes  # feltmb.animate, ...
+
+
+def chains(text):
+    """Pairs (used, user) of the arrows of CONTRIBUTING.md: a, { b → c, d } → e."""
+    tokens = re.findall(r"→|,|[{}]|\w+", text)
+
+    def group(at):
+        """Firsts and lasts of a list of chains, its pairs, and the place behind it."""
+        firsts, lasts, pairs, chain = [], [], [], []
+        while at < len(tokens) and tokens[at] != "}":
+            if tokens[at] == "→":
+                at += 1
+            elif tokens[at] == ",":
+                firsts, lasts, chain = firsts + chain[0], lasts + chain[1], []
+                at += 1
+            else:
+                if tokens[at] == "{":
+                    first, last, inner, at = group(at + 1)
+                    pairs += inner
+                else:
+                    first, last = [tokens[at]], [tokens[at]]
+                if chain:
+                    pairs += [(a, b) for a in chain[1] for b in first]
+                chain = (chain[0] if chain else first, last)
+                at += 1
+        return firsts + chain[0], lasts + chain[1], pairs, at
+
+    return group(0)[2]
+
+
+def test_the_arrows_of_contributing_are_those_of_the_table():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8").partition("## Layers")[2]
+    cpp, python = re.findall(r"```\n(.*?)```", text, re.DOTALL)[:2]
+    package, checked_pairs = "C++", 0
+    for line in [*cpp.splitlines(), *python.splitlines()]:
+        name, _, chain = line.rpartition(":")
+        package = name.strip() or package
+        for used, user in chains(chain):
+            if user == "Python" or used == "unmodeled":
+                continue
+            checked_pairs += 1
+            assert used in MAY_USE[package][user].split(), f"{package}: {used} → {user}"
+    assert checked_pairs > 35

@@ -408,7 +408,7 @@ def stream(
             click.echo(f"# {time:.6f},{speed:.4f}")
 
 
-@declare("strokes", command, "Write labeled records (Parquet).")
+@declare("strokes", command, "Write labeled records (Parquet, JSON lines).")
 def strokes(
     action: str = ACTION,
     sensor: str = SENSOR,
@@ -418,7 +418,10 @@ def strokes(
     jobs: int | None = option("Threads; default: one a core.", count()),
     points: tuple[str, ...] = CURVE,
     out: Path = option(
-        "Parquet file to be written.", FileName(".parquet"), metavar="FILE", required=True
+        "File to be written: .parquet (extra feltmb[parquet]), or .jsonl, lines of JSON.",
+        FileName(".parquet", ".jsonl"),
+        metavar="FILE",
+        required=True,
     ),
     force: bool = FORCE,
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 #: Records that are made, or are in memory, at a time.
 BLOCK = 200
+#: Ending of a set as lines of JSON, which needs no other package.
+LINES = ".jsonl"
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +171,7 @@ def _records(
         yield from made
 
 
-# --- Parquet -------------------------------------------------------------------------------------
+# --- files -------------------------------------------------------------------------------------
 
 
 def _arrow() -> Any:
@@ -177,7 +180,7 @@ def _arrow() -> Any:
         import pyarrow.parquet
     except ImportError:
         raise InvalidParameter(
-            "a set of strokes is a Parquet file; install the extra: feltmb[parquet]"
+            "a set of strokes as Parquet needs the extra feltmb[parquet]; a file .jsonl needs none"
         ) from None
     return pyarrow
 
@@ -191,11 +194,11 @@ def write_set(
     curve: Any = None,
     force: bool = False,
 ) -> int:
-    """Write labeled records as Parquet, one row a record; return their number.
+    """Write labeled records as Parquet, or as lines of JSON (.jsonl); return their number.
 
-    Columns: ``kind``, ``start`` [s], ``rate`` [Hz], a list of counts a channel, and the lists
-    ``strike_time`` [s], ``strike_speed`` [m/s] and ``velocity`` (MIDI). The setup is in the
-    metadata of the file.
+    One row or line a record, with the columns ``kind``, ``start`` [s], ``rate`` [Hz], a list of
+    counts a channel, and the lists ``strike_time`` [s], ``strike_speed`` [m/s] and ``velocity``
+    (MIDI). The setup is in the metadata of the file, or in its first line.
 
     Parameters
     ----------
@@ -208,50 +211,84 @@ def write_set(
     force
         False: an existing file is not overwritten.
     """
-    arrow = _arrow()
     path = Path(path)
+    write = _write_lines if path.suffix == LINES else _write_parquet
+    if write is _write_parquet:
+        _arrow()  # before anything is simulated
     check_writable(path, force=force)
     curve = curve or VelocityCurve()
-    lists = {c: arrow.list_(arrow.int32()) for c in setup.sensor.channels}
+    rows = (
+        {
+            "kind": record.kind,
+            "start": float(record.samples.index[0]),
+            "rate": setup.sensor.rate,
+            **{c: record.samples[c].to_numpy() for c in setup.sensor.channels},
+            "strike_time": [t for t, _ in record.truth],
+            "strike_speed": [v for _, v in record.truth],
+            "velocity": [curve.velocity(v) for _, v in record.truth],
+        }
+        for record in records
+    )
+    partial = path.with_name(path.name + ".part")
+    try:
+        count = write(partial, setup, rows)
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return count
+
+
+def _write_parquet(path: Path, setup: Any, rows: Iterator[dict[str, Any]]) -> int:
+    arrow = _arrow()
     schema = arrow.schema(
         {
             "kind": arrow.string(),
             "start": arrow.float64(),
             "rate": arrow.float64(),
-            **lists,
+            **{c: arrow.list_(arrow.int32()) for c in setup.sensor.channels},
             "strike_time": arrow.list_(arrow.float64()),
             "strike_speed": arrow.list_(arrow.float64()),
             "velocity": arrow.list_(arrow.int32()),
         },
         metadata={"setup": json.dumps(setup.as_dict())},
     )
-    partial = path.with_name(path.name + ".part")
     count = 0
-    try:
-        with arrow.parquet.ParquetWriter(partial, schema) as writer:
-            rows: list[dict[str, Any]] = []
-            for record in records:
-                rows.append(
-                    {
-                        "kind": record.kind,
-                        "start": float(record.samples.index[0]),
-                        "rate": setup.sensor.rate,
-                        **{c: record.samples[c].to_numpy() for c in lists},
-                        "strike_time": [t for t, _ in record.truth],
-                        "strike_speed": [v for _, v in record.truth],
-                        "velocity": [curve.velocity(v) for _, v in record.truth],
-                    }
-                )
-                count += 1
-                if len(rows) == BLOCK:
-                    writer.write_table(arrow.Table.from_pylist(rows, schema))
-                    rows = []
-            if rows:
-                writer.write_table(arrow.Table.from_pylist(rows, schema))
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with arrow.parquet.ParquetWriter(path, schema) as writer:
+        while block := list(itertools.islice(rows, BLOCK)):
+            writer.write_table(arrow.Table.from_pylist(block, schema))
+            count += len(block)
     return count
+
+
+def _write_lines(path: Path, setup: Any, rows: Iterator[dict[str, Any]]) -> int:
+    count = 0
+    with path.open("w", encoding="utf-8") as file:
+        file.write(json.dumps({"setup": setup.as_dict()}) + "\n")
+        for row in rows:
+            plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in row.items()}
+            file.write(json.dumps(plain) + "\n")
+            count += 1
+    return count
+
+
+def _read_parquet(path: Path) -> tuple[dict[str, Any], Iterator[dict[str, Any]]]:
+    arrow = _arrow()
+    try:
+        file = arrow.parquet.ParquetFile(path)
+    except arrow.ArrowException as fault:
+        raise ValueError(str(fault)) from None
+    rows = (row for batch in file.iter_batches(BLOCK) for row in batch.to_pylist())
+    return json.loads(file.schema_arrow.metadata[b"setup"]), rows
+
+
+def _read_lines(path: Path) -> tuple[dict[str, Any], Iterator[dict[str, Any]]]:
+    def rows() -> Iterator[dict[str, Any]]:
+        with path.open(encoding="utf-8") as file:
+            next(file)
+            yield from map(json.loads, file)
+
+    with path.open(encoding="utf-8") as file:
+        return json.loads(file.readline())["setup"], rows()
 
 
 @checked
@@ -265,33 +302,33 @@ def read_set(path: str | Path) -> tuple[Setup, Iterator[Labeled]]:
     """
     import pandas as pd
 
-    arrow = _arrow()
     path = Path(path)
     if not is_file(path):
         raise InvalidParameter(f"{path}: {why_missing(path)}")
+    read = _read_lines if path.suffix == LINES else _read_parquet
+    if read is _read_parquet:
+        _arrow()
     try:
-        file = arrow.parquet.ParquetFile(path)
-        known = json.loads(file.schema_arrow.metadata[b"setup"])
+        known, rows = read(path)
         sensor = Sensor.model_validate(known.pop("sensor"))
         pairs: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in known.items()
         }
         setup = Setup(sensor, **pairs)
-    except (arrow.ArrowException, KeyError, TypeError, ValueError) as fault:
+    except (KeyError, TypeError, ValueError) as fault:
         raise InvalidParameter(
             f"{path}: is no set of labeled strokes ({type(fault).__name__}); expected a file of "
             "feltmb keyboard strokes"
         ) from None
 
     def records() -> Iterator[Labeled]:
-        for batch in file.iter_batches(BLOCK):
-            for row in batch.to_pylist():
-                counts = {c: np.array(row[c], dtype=np.int32) for c in sensor.channels}
-                ticks = row["start"] + np.arange(len(counts[sensor.channels[0]])) / row["rate"]
-                yield Labeled(
-                    row["kind"],
-                    pd.DataFrame(counts, index=pd.Index(ticks, name="time")),
-                    tuple(zip(row["strike_time"], row["strike_speed"], strict=True)),
-                )
+        for row in rows:
+            counts = {c: np.array(row[c], dtype=np.int32) for c in sensor.channels}
+            ticks = row["start"] + np.arange(len(counts[sensor.channels[0]])) / row["rate"]
+            yield Labeled(
+                row["kind"],
+                pd.DataFrame(counts, index=pd.Index(ticks, name="time")),
+                tuple(zip(row["strike_time"], row["strike_speed"], strict=True)),
+            )
 
     return setup, records()

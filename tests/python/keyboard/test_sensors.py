@@ -13,6 +13,7 @@ import pytest
 from calls import command, refusal, refused
 
 import feltmb
+from feltmb.cli.keyboard import command as keyboard
 from feltmb.keyboard import (
     Sensor,
     VelocityCurve,
@@ -30,7 +31,7 @@ from feltmb.keyboard import (
 from feltmb.keyboard.algorithms import largest_derivative, model_based
 from feltmb.keyboard.gestures import Inversion, Press, gesture, random_gestures, run_all, truth_of
 from feltmb.keyboard.midi import MidiNote
-from feltmb.keyboard.scoring import LEVELS, level_of
+from feltmb.keyboard.scoring import LEVELS, Score, level_of
 from feltmb.keyboard.strokes import Labeled
 from feltmb.keyboard.velocity import measured_curve, read_curve
 from unmodeled.errors import Error
@@ -203,6 +204,49 @@ def test_sets_are_the_same_for_the_same_seed_and_any_number_of_threads(few, tmp_
         list(row.velocity) == [curve.velocity(v) for v in row.strike_speed]
         for row in table.itertuples()
     )
+
+
+def test_a_set_without_parquet_has_the_same_records(few, tmp_path, monkeypatch):
+    setup, records = few
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    refused(lambda: write_set(tmp_path / "a.parquet", setup, records), "a file .jsonl needs none")
+    path = tmp_path / "set.jsonl"
+    assert write_set(path, setup, iter(records)) == 8
+    known, back = read_set(path)
+    assert known.as_dict() == setup.as_dict()
+    for one, two in zip(records, back, strict=True):
+        assert (one.kind, one.truth) == (two.kind, two.truth)
+        pd.testing.assert_frame_equal(one.samples, two.samples)
+    path.write_text("{}\n")
+    refused(lambda: read_set(path), "is no set of labeled strokes")
+
+
+def test_scores_are_shown_also_if_the_picture_cannot_be_written(few, tmp_path, monkeypatch, capsys):
+    setup, records = few
+    write_set(tmp_path / "set.jsonl", setup, records)
+    picture = tmp_path / "score.png"
+    arguments = ["score", "largest_derivative", "--set", tmp_path / "set.jsonl", "--plot", picture]
+
+    def run():
+        keyboard.main([str(a) for a in arguments], standalone_mode=False)
+
+    picture.write_text("mine")
+    with pytest.raises(Error, match="exists already"):  # before anything is computed
+        run()
+    assert "ppp" not in capsys.readouterr().out
+    picture.unlink()
+
+    plain = Score.plot
+
+    def drawn(self):
+        picture.write_text("of somebody else")
+        return plain(self)
+
+    monkeypatch.setattr(Score, "plot", drawn)
+    with pytest.raises(Error, match="exists already"):
+        run()
+    assert "largest_derivative" in capsys.readouterr().out
+    assert picture.read_text() == "of somebody else"
 
 
 def test_kinds_and_levels_are_all_there(grand):

@@ -92,7 +92,7 @@ def diagnose(
     began = time.monotonic()
     given = (records,) if isinstance(records, Record) else tuple(records)
     meter = Meter(progress, FITS * options.seconds)
-    with one_thread(), _interrupted():
+    with one_thread(), _interrupted(model):
         meter.stage("prepare")
         ready = ready_records(model, given)
         found, chosen = chosen_effects(ready.model, ready.records, effects, exclude)
@@ -131,12 +131,12 @@ def diagnose(
 
 
 @contextmanager
-def _interrupted() -> Iterator[None]:
+def _interrupted(model: Model) -> Iterator[None]:
     """A block whose Ctrl-C is told in one sentence: the search answers it if it has a fit."""
     try:
         yield
     except KeyboardInterrupt:
-        raise KeyboardInterrupt("before there was an answer") from None
+        raise KeyboardInterrupt(f"before there was an answer: {model.resumed}") from None
 
 
 def _doubts(searched: Searched) -> tuple[str, ...]:

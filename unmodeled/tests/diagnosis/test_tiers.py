@@ -126,9 +126,9 @@ def test_a_delay_of_two_records_is_told_for_these():
     )
     result = diagnose(model, ["delay of sensor x", "gain of input u"], records, hold_out=())
     (cause,) = result.named
-    assert cause.cause == "delay of sensor x in each record"
+    assert cause.subject.scope.records == ("late 1", "late 2")
     assert cause.unit == "s"
-    assert cause.by_record == pytest.approx([0.0, 0.0, h, h], abs=0.15 * h)
+    assert cause.magnitude == pytest.approx(h, abs=0.15 * h)
 
 
 def test_what_is_less_probable_than_nothing_is_not_supported():

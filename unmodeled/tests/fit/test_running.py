@@ -253,6 +253,21 @@ def test_an_interrupted_diagnosis_continues_and_repeats_no_run(forgotten, tmp_pa
     assert report.text(wide) == f"{whole.text(wide)}\n\n{report.cached}"
 
 
+def test_an_interruption_in_the_first_fit_tells_what_is_kept(forgotten, tmp_path):
+    for cache in (None, tmp_path / "runs"):
+        MADE.clear()
+        LIMIT[0] = 4
+        try:
+            with pytest.raises(KeyboardInterrupt) as end:
+                diagnose(model(), None, forgotten, cache=cache)
+        finally:
+            LIMIT[0] = None
+        told = "nothing is kept, and the same command begins anew; with --cache FOLDER"
+        if cache:
+            told = f"the finished runs are kept in {cache}, and the same command goes on from them"
+        assert str(end.value).startswith(f"before there was an answer: {told}")
+
+
 KILLED = """
     import os, sys
     import numpy as np

@@ -179,6 +179,11 @@ class Including(Model):
         """See :attr:`~unmodeled.Model.cached`."""
         return self.base.cached
 
+    @property
+    def resumed(self) -> str:
+        """See :class:`~unmodeled.fit.Model`."""
+        return self.base.resumed
+
     def accepts(self, effect: Effect) -> bool:
         """Whether the original model accepts an effect that is not yet included."""
         return effect.name not in [t.name for t in self.included] and self.base.accepts(effect)

@@ -202,6 +202,8 @@ class Effect:
     tolerance_parameter: str = ""
     """Name of the parameter that the effect changes. A change within its tolerance is attributed to
     the parameter, and a much larger change to the effect."""
+    moves: int | None = None
+    """Index of the parameter to which its magnitude is added; None: it is no parameter."""
     tolerance_ratio: float = 1.0
     """Change of this parameter that acts as a magnitude of 1 does, to first order [unit of the
     parameter per unit of the effect]."""
@@ -702,6 +704,14 @@ class Model(ABC):
     def cached(self) -> str:
         """How many runs so far were taken from the folder of :meth:`running`; empty: none."""
         return ""
+
+    @property
+    def resumed(self) -> str:
+        """What is kept of a diagnosis that ends before its answer, and how to go on."""
+        return (
+            "nothing is kept, and the same command begins anew; an interruption after the first "
+            "fit gives an answer, as a limit of time does (--seconds, in Python Options(seconds=))"
+        )
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare the model and all records of a fit or diagnosis.

@@ -26,8 +26,22 @@ from unmodeled.fit.model import (
 
 
 def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]:
-    """Candidates that the model itself must simulate, i.e. no sensor or input effects."""
-    return tuple(t for t in included if t.effect.excite is None and t.effect.observe is None)
+    """Candidates that the model itself must simulate: no parameter, sensor or input effects."""
+    return tuple(
+        t
+        for t in included
+        if t.effect.excite is None and t.effect.observe is None and t.effect.moves is None
+    )
+
+
+def _moved(included: Sequence[Candidate], sizes: Array, theta: Array) -> Array:
+    """Parameters, (B, p), with the magnitudes, (B, k), of the effects that move them."""
+    moved = [(k, t.effect.moves) for k, t in enumerate(included) if t.effect.moves is not None]
+    if moved:
+        theta = np.array(theta, dtype=np.float64)
+        for k, i in moved:
+            theta[:, i] += sizes[:, k]
+    return theta
 
 
 def observe(
@@ -116,6 +130,7 @@ def excited(record: Record, jobs: Jobs) -> list[tuple[NDArray[np.intp], Batch]]:
     excite = [k for k, t in enumerate(jobs.included) if t.effect.excite is not None]
     plain = replace(
         jobs,
+        theta=_moved(jobs.included, jobs.magnitudes, jobs.theta),
         included=tuple(jobs.included[k] for k in inner),
         magnitudes=jobs.magnitudes[:, inner] if jobs.included else jobs.magnitudes,
     )
@@ -180,6 +195,7 @@ def _of_machine(request: SensitivityRequest) -> SensitivityRequest:
     return replace(
         request,
         record=record,
+        theta=_moved(request.included, request.sizes[None], np.asarray(request.theta)[None])[0],
         included=machine,
         magnitudes=np.array(sizes),
         candidates=machine_candidates(request.candidates),
@@ -329,6 +345,7 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
     theta, sizes, starts, at_zero, inputs, *shapes = np.split(columns[..., :count], ends, axis=2)
     by_sensor = shapes.pop()
     own, of_inputs = len(request.input_changes), _input_effects(request)
+    by_theta = request.parameters_of(model)
 
     def by_magnitudes(wanted: tuple[Candidate, ...], machine: Array) -> Array:
         """Derivatives by the magnitudes of effects; ``machine``: by those of the machine."""
@@ -336,6 +353,9 @@ def _readings(model: Model, request: SensitivityRequest, s: Sensitivity) -> Sens
         for k, t in enumerate(wanted):
             if t in of_machine:
                 out[..., k] = machine[..., of_machine.index(t)]
+            elif t.effect.moves is not None:
+                if t.effect.moves in by_theta:
+                    out[..., k] = theta[..., by_theta.index(t.effect.moves)]
             elif t in of_inputs:
                 out[..., k] = inputs[..., own + of_inputs.index(t)] / _step(t)
             else:

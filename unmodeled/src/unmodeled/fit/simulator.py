@@ -267,6 +267,19 @@ class Simulator(Model):
         found, made = self._runner.found, self._runner.made
         return f"{found} of {found + made} runs from the cache {self._means.cache}" if found else ""
 
+    @property
+    def resumed(self) -> str:
+        """See :class:`~unmodeled.fit.Model`."""
+        if self._means.cache is None:
+            return (
+                "nothing is kept, and the same command begins anew; with --cache FOLDER, in Python "
+                "cache=, finished runs are kept, and it goes on from them"
+            )
+        return (
+            f"the finished runs are kept in {self._means.cache}, and the same command goes on from "
+            "them"
+        )
+
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """No states: the function defines the start of a run."""
         del included

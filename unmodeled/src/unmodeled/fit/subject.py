@@ -16,6 +16,16 @@ class Scope:
 
     each: bool = False
     """Whether every record has a size of its own."""
+    records: tuple[str, ...] = ()
+    """Names of the records in which it acts, in their order; (): all."""
+
+    @property
+    def where(self) -> str:
+        """The records as the end of a sentence, with a space before it; "": all."""
+        if not self.records:
+            return ""
+        between = " and " if len(self.records) == 2 else " to "
+        return f" in {between.join(dict.fromkeys((self.records[0], self.records[-1])))}"
 
 
 #: All records, one size.

@@ -563,7 +563,7 @@ def _jobs(problem: Problem, fitted: Fitted, r: int, count: int) -> Jobs:
         theta=np.tile(theta_at(problem, x), (count, 1)),
         starts=np.tile(start_states(problem, ask, r), (count, 1)),
         included=shapes_of(problem, fitted.members, x),
-        magnitudes=np.tile(magnitudes_at(problem, fitted.members, x), (count, 1)),
+        magnitudes=np.tile(magnitudes_at(problem, fitted.members, x, problem.fit[r]), (count, 1)),
     )
 
 

@@ -111,10 +111,10 @@ def clause(c: Change) -> str:
 
     The machine, the sensor or the input is the subject: what to do about it is another sentence.
     """
-    first = _clause(c)
+    first = _clause(c) + c.subject.scope.where
     if not c.equivalents:
         return first
-    others = [_clause(e) for e in c.equivalents[: EQUIVALENTS - 1]]
+    others = [_clause(e) + e.subject.scope.where for e in c.equivalents[: EQUIVALENTS - 1]]
     rest = len(c.equivalents) - len(others)
     others += [f"{rest} more that the records do not tell apart"] if rest else []
     return f"either {joined([first, *others], 'or')}"
@@ -181,7 +181,8 @@ def _clause(c: Change) -> str:
         return f"{thing} {be} {turns} {there} than in the model ({of}{name}, {low} to {high})"
     if c.tabulated == 0.0 or c.relative:
         of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative, sign="+")
-        return f"{thing} {differs} from the model by {of}{name} ({low} to {high}{_also(c)})"
+        other = "the other records" if about.scope.records else "the model"
+        return f"{thing} {differs} from {other} by {of}{name} ({low} to {high}{_also(c)})"
     ends = (c.tabulated + c.low, c.tabulated + c.high)
     of, name, low, high = _numbers(c.tabulated + c.size, *ends, c.unit, relative=False)
     factor, _ = scale(*ends, c.unit)

@@ -315,7 +315,8 @@ def differences(problem: Problem, fitted: Fitted, cause: int, options: Options) 
     Differences that move no channel of a record by more than its noise, or leave less than what
     matters, are none, however many samples show them.
     """
-    if problem.causes[cause].local is not None or len(problem.fit) < 2:
+    own = problem.causes[cause]
+    if own.local is not None or own.records or len(problem.fit) < 2:
         return 1.0
     from scipy.special import chdtrc
 

@@ -100,11 +100,12 @@ class Linear:
         return not bool(np.all(np.isfinite(self.residual)))
 
 
-def magnitudes_at(problem: Problem, members: Members, x: Array) -> Array:
-    """Magnitudes of the effects of a set [their units]."""
-    effects = problem.effects_of(members)
-    at = len(problem.free)
-    return np.array([e.scale for e in effects]) * x[at : at + len(effects)]
+def magnitudes_at(
+    problem: Problem, members: Members, x: Array, observed: Observed | None = None
+) -> Array:
+    """Magnitudes of the effects of a set in a record [their units]."""
+    scales, at = problem.scales_in(members, observed), len(problem.free)
+    return scales * x[at : at + len(scales)]
 
 
 def _places(problem: Problem, members: Members) -> list[tuple[int, int]]:
@@ -216,8 +217,8 @@ def request_at(problem: Problem, ask: EvaluationRequest, r: int) -> SensitivityR
         theta_at(problem, x),
         start_states(problem, ask, r),
         included,
-        magnitudes_at(problem, ask.members, x),
-        by_theta=problem.free if ask.by_global else (),
+        magnitudes_at(problem, ask.members, x, observed),
+        by_theta=[*problem.free, *_moved_only(problem, ask.members)] if ask.by_global else (),
         by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, observed)),
         candidates=problem.candidates(ask.further),
         shape_changes=tuple(
@@ -225,6 +226,12 @@ def request_at(problem: Problem, ask: EvaluationRequest, r: int) -> SensitivityR
         ),
         rough=ask.rough,
     )
+
+
+def _moved_only(problem: Problem, members: Members) -> list[int]:
+    """Parameters that effects of a set move, besides those that are fitted."""
+    moved = [e.moves for e in problem.effects_of(members)]
+    return [i for i in moved if i is not None and i not in problem.free]
 
 
 def _plain(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[Linear]]:
@@ -250,15 +257,14 @@ def _derived(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[L
     found = iter(found_all)
     out = []
     for ask in asks:
-        scales = np.array([e.scale for e in problem.effects_of(ask.members)])
-        further = np.array([e.scale for e in problem.effects_of(ask.further)])
         own = []
         for r, o in enumerate(ask.records):
+            scales, further = (problem.scales_in(m, o) for m in (ask.members, ask.further))
             s, columns = next(found), list(problem.channels)
             shape_columns = next(by_shapes)[:, columns]
             by_outputs = [s.d_starts[:, columns], s.d_candidates[:, columns] * further]
             if ask.by_global:
-                by_outputs += [s.d_theta[:, columns] * problem.unit]
+                by_outputs += [s.d_theta[:, columns, : len(problem.free)] * problem.unit]
                 by_outputs += [s.d_magnitudes[:, columns] * scales, shape_columns]
             ends = np.cumsum([part.shape[2] for part in by_outputs[:2]])
             readings, by_readings, by_local = _sensed(

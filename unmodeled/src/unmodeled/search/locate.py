@@ -172,11 +172,12 @@ def _smooth() -> Array:
 def _jobs(problem: Problem, fitted: Fitted, r: int, count: int) -> Jobs:
     """Equal simulations of a record."""
     ask = EvaluationRequest(fitted.members, fitted.point, problem.fit)
+    sizes = magnitudes_at(problem, fitted.members, fitted.point.x, problem.fit[r])
     return Jobs(
         theta=np.tile(theta_at(problem, fitted.point.x), (count, 1)),
         starts=np.tile(start_states(problem, ask, r), (count, 1)),
         included=shapes_of(problem, fitted.members, fitted.point.x),
-        magnitudes=np.tile(magnitudes_at(problem, fitted.members, fitted.point.x), (count, 1)),
+        magnitudes=np.tile(sizes, (count, 1)),
     )
 
 

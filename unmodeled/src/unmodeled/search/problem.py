@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array, Record
 from unmodeled.fit.model import Candidate, Effect, Model
-from unmodeled.fit.subject import Scope, Subject, SubjectKind
+from unmodeled.fit.subject import EVERYWHERE, Scope, Subject, SubjectKind
 
 #: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
 RELEASED = 5.0
@@ -76,16 +76,33 @@ class Cause:
     """Effect that changes the same number as the parameter, and whose name the cause has."""
     channel: str = ""
     """Channel of the error of each record."""
+    records: frozenset[int] = frozenset()
+    """Numbers of the measured records in which it acts; none: in all."""
+    scope: Scope = EVERYWHERE
+    """The same by name."""
+    family: int = -1
+    """Index of the cause of all records with the same law; -1: it is this one."""
+
+    def acts_in(self, observed: Observed | None) -> bool:
+        """Whether it acts in a record; None: in one where everything acts."""
+        return not self.records or observed is None or observed.number in self.records
 
     @property
     def subject(self) -> Subject:
         """What it is about."""
         if (words := self.effect or self.alias) is not None:
-            return words.about
+            return replace(words.about, scope=self.scope)
         if self.local is None:
             return Subject("parameter", component=self.component)
         kind: SubjectKind = "sensor" if self.channel else "clock"
         return Subject(kind, self.local.kind, self.channel, self.component, scope=Scope(each=True))
+
+    @property
+    def of_parameter(self) -> bool:
+        """Whether it is a parameter, in all records or in some."""
+        return self.parameter is not None or (
+            self.effect is not None and self.effect.moves is not None
+        )
 
     @property
     def of_records(self) -> bool:
@@ -139,6 +156,8 @@ class Observed:
     standard normal coefficient [units of the channels], (n, m, q)."""
     after: int = 0
     """Number of samples after the end of the record (``unmodeled.search.records.AFTER``)."""
+    number: int = -1
+    """Index of the measured record of which it is a part."""
 
     @property
     def end(self) -> int:
@@ -291,6 +310,24 @@ class Problem:
     def locals_of(self, members: Members) -> tuple[Local, ...]:
         """The unknowns of each record that a set adds."""
         return tuple(q for m in members if (q := self.causes[m.cause].local) is not None)
+
+    @cached_property
+    def scopes(self) -> dict[frozenset[int], dict[int, int]]:
+        """Causes of some records: by records and by the law of all records."""
+        found: dict[frozenset[int], dict[int, int]] = {}
+        for i, c in enumerate(self.causes):
+            if c.records:
+                found.setdefault(c.records, {})[c.family] = i
+        return found
+
+    def families_of(self, causes: Iterable[int]) -> set[int]:
+        """The laws of causes, whatever their scopes."""
+        return {f if (f := self.causes[i].family) >= 0 else i for i in causes}
+
+    def scales_in(self, members: Members, observed: Observed | None) -> Array:
+        """Scales of the effects of a set in a record [their units]: 0 where one does not act."""
+        own = [c for m in members if (c := self.causes[m.cause]).effect is not None]
+        return np.array([c.effect.scale * c.acts_in(observed) for c in own if c.effect])
 
     def effects_of(self, members: Members) -> list[Effect]:
         """The effects of a set."""

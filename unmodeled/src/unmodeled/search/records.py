@@ -15,6 +15,7 @@ from unmodeled.chain import fault_of, faults
 from unmodeled.data import Array, Record, Role
 from unmodeled.data.records import UNNAMED
 from unmodeled.data.smoothing import noise_of_samples
+from unmodeled.data.thinning import thinned
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter, near_names
 from unmodeled.fit.model import Effect, Model, Ready, start_in
@@ -29,6 +30,7 @@ from unmodeled.search.problem import (
     Problem,
     spread,
 )
+from unmodeled.search.scopes import with_scopes
 from unmodeled.units import same_unit, weight_hint, zero_and_factor
 
 #: Prior probability that something stated is wrong: a tolerance of a parameter, the clock, or the
@@ -53,7 +55,8 @@ def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
     model, records = matched.model, matched.records
     notes = check_records(records, model)
     records, told = _without_constant(records, model.outputs)
-    notes += [*numbers, *matched.notes, *told]
+    records, less = thinned(records, model.outputs)
+    notes += [*numbers, *matched.notes, *told, *less]
     ready = model.ready(records)
     return replace(ready, notes=tuple(dict.fromkeys((*notes, *ready.notes))))
 
@@ -122,7 +125,8 @@ def prepare(
     _check_effects(ready.model, effects)
     fitted, held = split_records(ready.records, hold_out)
     problem = problem_of(ready.model, effects, fitted, held, options, ready.notes, ready.records)
-    return replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
+    problem = replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
+    return with_scopes(problem, [r.name for r in ready.records])
 
 
 def same_number(model: Model, effect: Effect) -> int | None:
@@ -176,7 +180,11 @@ def problem_of(
     clock = clock_rate()
     after = AFTER if model.states() and model.accepts(clock) else 0.0
     observed, unseen = (
-        tuple(_observed(model, r, names, noise, after) for r in part) for part in (fitted, held)
+        tuple(
+            replace(_observed(model, r, names, noise, after), number=k)
+            for r, k in zip(part, _places_of(part, measured), strict=True)
+        )
+        for part in (fitted, held)
     )
     of_records = _errors(model, effects, observed, names, clock)
     return Problem(
@@ -188,6 +196,12 @@ def problem_of(
         noise_estimated=all(s.sigma is None for s in sensors),
         notes=notes,
     )
+
+
+def _places_of(part: Sequence[Record], measured: Sequence[Record]) -> list[int]:
+    """Index of the measured record of each record; blocks of records are in their order."""
+    at = {id(r): k for k, r in enumerate(measured)}
+    return [at.get(id(r), k) for k, r in enumerate(part)]
 
 
 def _channels(model: Model, records: Sequence[Record]) -> tuple[int, ...]:

@@ -525,7 +525,7 @@ class Result:
             probability=n.probability,
             shape=n.shape,
             shape_names=n.shape_names,
-            by_record=n.by_record,
+            by_record=() if n.subject.scope.records else n.by_record,
             records=self.records if n.subject.scope.each else (),
             subject=n.subject,
             mechanism=n.mechanism,

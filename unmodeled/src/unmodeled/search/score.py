@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.search.evidence import DEGREES, Fitted, prior_of, system, weights
-from unmodeled.search.linear import EvaluationRequest, evaluate
+from unmodeled.search.linear import EvaluationRequest, Linear, Point, evaluate
 from unmodeled.search.problem import RELEASED, Member, Members, Problem
 
 #: Number of causes whose derivatives are computed at a further fit.
@@ -62,20 +62,17 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
         Directions at another fit. If derivatives are not cheap, only those of the causes are
         computed that gain most with these: they differ little between fits.
     """
+    inside = problem.families_of(fitted.causes)
     further = tuple(
         Member(i, shape)
         for i, cause in enumerate(problem.causes)
-        if cause.effect is not None and i not in fitted.causes
+        if cause.effect is not None and cause.family < 0 and i not in inside
         for shape in cause.effect.shapes
     )
     if near is not None and not problem.model.cheap_derivatives:
-        gains: dict[int, float] = {}
-        slope, curvature, _ = _products(problem, fitted, near)
-        for m, b, a in zip(near.further, slope, np.diag(curvature), strict=True):
-            if m.cause in fitted.causes:
-                continue
-            gains[m.cause] = max(gains.get(m.cause, 0.0), float(b * b / a) if a > 0.0 else 0.0)
-        likely = sorted(gains, key=lambda i: -gains[i])[:LIKELY]
+        laws = {m.cause for m in further}
+        ranked = (problem.families_of([s.cause]) & laws for s in scores(problem, fitted, near))
+        likely = [*dict.fromkeys(i for one in ranked for i in one)][:LIKELY]
         further = tuple(m for m in further if m.cause in likely)
     ask = EvaluationRequest(
         fitted.members, fitted.point, problem.fit, further, by_global=False, rough=True
@@ -84,13 +81,21 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
     return Directions(further, tuple(x.by_further for x in linears))
 
 
-def _products(
-    problem: Problem, fitted: Fitted, seen: Directions
-) -> tuple[Array, Array, tuple[Array, Array, Array]]:
-    """Slopes and curvatures by the magnitudes of causes, all other unknowns projected out.
+@dataclass(frozen=True, eq=False)
+class _Products:
+    """Slopes and curvatures by the magnitudes of causes, all other unknowns projected out."""
 
-    (c,) and (c, c); also the normal equations of the set: matrix, right side, weights of the prior.
-    """
+    slope: Array
+    """(c,)"""
+    curvature: Array
+    """(c, c)"""
+    normal: tuple[Array, Array, Array]
+    """Normal equations of the set: matrix, right side, weights of the prior."""
+    inverse: Any
+    linears: list[Linear]
+
+
+def _products(problem: Problem, fitted: Fitted, seen: Directions) -> _Products:
     linears = [
         replace(x, by_further=y) for x, y in zip(fitted.linears, seen.by_further, strict=True)
     ]
@@ -102,7 +107,7 @@ def _products(
     inverse = np.linalg.inv(own.matrix + np.diag(weight))
     slope = own.gain - own.further @ inverse @ (own.right - weight * x)
     curvature = own.own - own.further @ inverse @ own.further.T + WEAK * np.eye(len(slope))
-    return slope, curvature, (own.matrix, own.right, weight)
+    return _Products(slope, curvature, (own.matrix, own.right, weight), inverse, linears)
 
 
 def scores(problem: Problem, fitted: Fitted, seen: Directions) -> list[Score]:
@@ -111,10 +116,12 @@ def scores(problem: Problem, fitted: Fitted, seen: Directions) -> list[Score]:
     The slope of a one-sided effect excludes nothing: at a fit whose parameters took up its action
     it may have the wrong sign.
     """
-    slope, curvature, normal = _products(problem, fitted, seen)
+    found = _products(problem, fitted, seen)
+    slope, diagonal = found.slope, np.diag(found.curvature)
     best: dict[int, Score] = {}
-    for j, (m, b, a) in enumerate(zip(seen.further, slope, np.diag(curvature), strict=True)):
-        if not (np.isfinite(b) and a > 0.0):
+    inside_set = problem.families_of(fitted.causes)
+    for j, (m, b, a) in enumerate(zip(seen.further, slope, diagonal, strict=True)):
+        if m.cause in inside_set or not (np.isfinite(b) and a > 0.0):
             continue
         low, high = problem.causes[m.cause].bounds
         step = float(b / a)
@@ -124,8 +131,9 @@ def scores(problem: Problem, fitted: Fitted, seen: Directions) -> list[Score]:
         if m.cause not in best or gain > best[m.cause].gain:
             columns = tuple(y[:, :, j].copy() for y in seen.by_further) if inside else ()
             best[m.cause] = Score(m.cause, m.shape, gain, start, columns, j)
-    best |= _released(problem, fitted, *normal)
+    best |= _released(problem, fitted, *found.normal)
     best |= _in_each_record(problem, fitted)
+    best |= _in_some_records(problem, fitted, seen, found, best)
     return sorted(best.values(), key=lambda s: -s.gain)
 
 
@@ -139,9 +147,9 @@ def pairs(
     own = [s for s in ranked if s.further >= 0]
     if len(own) < 2:
         return []
-    slope, curvature, _ = _products(problem, fitted, seen)
+    products = _products(problem, fitted, seen)
     at = [s.further for s in own]
-    b, a = slope[at], curvature[np.ix_(at, at)]
+    b, a = products.slope[at], products.curvature[np.ix_(at, at)]
     d = np.diag(a)
     with np.errstate(all="ignore"):
         apart = np.outer(d, d) - a**2
@@ -178,9 +186,8 @@ def equivalents(
     list
         Causes and parameters with the magnitudes that replace the member, and the cosine.
     """
-    linears = [
-        replace(x, by_further=y) for x, y in zip(fitted.linears, seen.by_further, strict=True)
-    ]
+    columns, others_of = _alike_columns(problem, fitted, seen, member)
+    linears = [replace(x, by_further=y) for x, y in zip(fitted.linears, columns, strict=True)]
     own = system(problem, problem.fit, fitted.members, fitted.point, linears, fitted.noise, 1.0)
     x = fitted.point.x
     weight = prior_of(problem, fitted.members).weights(x)
@@ -192,9 +199,10 @@ def equivalents(
         for i, cause in enumerate(problem.causes)
         if cause.parameter is not None
         and i not in fitted.causes
+        and not problem.causes[member].records
         and (g_index := problem.free.index(cause.parameter)) != a
     ]
-    tried = [(g + j, m.cause, m.shape) for j, m in enumerate(seen.further)]
+    tried = [(g + j, m.cause, m.shape) for j, m in enumerate(others_of)]
     tried += [(k, i, None) for k, i in parameters]
     best: dict[int, tuple[Score, float]] = {}
     for k, cause, shape in tried:
@@ -209,7 +217,44 @@ def equivalents(
         if abs(cosine) > max(ALIKE, abs(best[cause][1]) if cause in best else 0.0):
             step = float(np.clip(x[a] * left[0, 1] / left[1, 1], -5.0 * MOST, 5.0 * MOST))
             best[cause] = Score(cause, shape, 0.0, step), cosine
+    if problem.causes[member].records:
+        (shape,) = (m.shape for m in fitted.members if m.cause == member)
+        alike = [(Score(member, shape, 0.0, float(x[a])), 1.0), *best.values()]
+        for score, cosine in alike:
+            for cause in _same_when_fitted(problem, score.cause):
+                best[cause] = replace(score, cause=cause), cosine
     return sorted(best.values(), key=lambda f: -abs(f[1]))
+
+
+def _same_when_fitted(problem: Problem, member: int) -> list[int]:
+    """The law of a member in other records of which the same ones are fitted."""
+    found = problem.causes[member]
+
+    def fitted(records: frozenset[int]) -> list[bool]:
+        return [o.number in records for o in problem.fit]
+
+    return [
+        causes[found.family]
+        for records, causes in problem.scopes.items()
+        if found.records and records != found.records and found.family in causes
+        if fitted(records) == fitted(found.records)
+    ]
+
+
+def _alike_columns(
+    problem: Problem, fitted: Fitted, seen: Directions, member: int
+) -> tuple[Sequence[Array], Members]:
+    """Derivatives by what may resemble a member: in its records, if it acts in some only."""
+    found = problem.causes[member]
+    if not found.records:
+        return seen.by_further, seen.further
+    causes = problem.scopes[found.records]
+    rows = [row for row in _rows(problem, seen) if causes.get(row.law, member) != member]
+    columns = [
+        np.stack([row.column(fitted, seen, r) * found.acts_in(o) for row in rows], axis=2)
+        for r, o in enumerate(problem.fit)
+    ]
+    return columns, tuple(Member(causes[row.law], row.shape) for row in rows)
 
 
 def index_of(problem: Problem, members: Members, cause: int) -> int:
@@ -261,6 +306,110 @@ def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
             gain += 0.5 * slope**2 / weight
         found[i] = Score(i, None, gain, 0.0)
     return found
+
+
+def _in_some_records(
+    problem: Problem,
+    fitted: Fitted,
+    seen: Directions,
+    found: _Products,
+    everywhere: Mapping[int, Score],
+) -> dict[int, Score]:
+    """The best scope of each law, if it gains more than the law in all records.
+
+    All members of a set that act in some records act in the same ones: what makes records differ
+    happened once. Else, differences of three records could explain anything. In its records, one
+    has to take a third of the squares: a model that is a little wrong differs everywhere.
+
+    ``everywhere``: scores of the laws in all records.
+    """
+    known = {problem.causes[i].records for i in fitted.causes} - {frozenset[int]()}
+    scopes = {s: causes for s, causes in problem.scopes.items() if not known or s in known}
+    rows = _rows(problem, seen)
+    inside = problem.families_of(fitted.causes)
+    if not scopes or not rows:
+        return {}
+    parts = _by_part(problem, fitted, found, rows)
+    _, right, weight = found.normal
+    down = found.inverse @ (right - weight * fitted.point.x)
+    best: dict[int, tuple[float, Score]] = {}
+    left = [0.5 * float(((x.residual / fitted.noise) ** 2).sum()) for x in fitted.linears]
+    for records, causes in scopes.items():
+        acts = [o.number in records for o in problem.fit]
+        if all(acts) or not any(acts):
+            continue
+        gain, further, own = (
+            sum(part[k] for part, on in zip(parts, acts, strict=True) if on) for k in range(3)
+        )
+        slope = np.asarray(gain - further @ down)
+        square = own - np.einsum("cg,cg->c", further @ found.inverse, further) + WEAK
+        for row, b, a in zip(rows, slope, np.asarray(square), strict=True):
+            if row.law not in causes or row.law in inside or not a > 0.0:
+                continue
+            i, step = causes[row.law], float(b / a)
+            cause = problem.causes[i]
+            low, high = cause.bounds
+            if not (np.isfinite(step) and low <= step <= high):
+                continue
+            value = 0.5 * float(b * b / a)
+            if value < sum(v for v, on in zip(left, acts, strict=True) if on) / 3.0:
+                continue
+            value += cause.log_odds - problem.causes[row.law].log_odds
+            rival = everywhere[row.law].gain if row.law in everywhere else 0.0
+            if value > max(rival, best[row.law][0] if row.law in best else 0.0):
+                columns = tuple(row.column(fitted, seen, r) * on for r, on in enumerate(acts))
+                start = float(np.clip(step, -MOST, MOST))
+                best[row.law] = value, Score(i, row.shape, value, start, columns)
+    return {s.cause: s for _, s in best.values()}
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A law whose scopes are scored, with one of its shapes; or a parameter."""
+
+    law: int
+    shape: Any
+    place: int
+    """Index among the further directions, or of a parameter among the free ones."""
+    ratio: float = 0.0
+    """Scale of the difference of a parameter in its unit; 0: it is an effect."""
+
+    def column(self, fitted: Fitted, seen: Directions, r: int) -> Array:
+        """Derivative of the residuals of a record by the magnitude, (n, m)."""
+        if not self.ratio:
+            return seen.by_further[r][:, :, self.place]
+        return np.asarray(fitted.linears[r].by_global[:, :, self.place] * self.ratio)
+
+
+def _rows(problem: Problem, seen: Directions) -> list[_Row]:
+    """Laws and parameters whose scopes are scored."""
+    rows = [_Row(m.cause, m.shape, j) for j, m in enumerate(seen.further)]
+    for i, cause in enumerate(problem.causes):
+        if (p := cause.parameter) is not None:
+            k = problem.free.index(p)
+            ratio = RELEASED * problem.model.parameters[p].sd / float(problem.unit[k])
+            rows.append(_Row(i, None, k, ratio))
+    return rows
+
+
+def _by_part(
+    problem: Problem, fitted: Fitted, found: _Products, rows: Sequence[_Row]
+) -> list[tuple[Array, Array, Array]]:
+    """By record: products of the columns of all rows with the residual, the set and themselves."""
+    free = np.array([row.place for row in rows if row.ratio], dtype=int)
+    ratio = np.array([row.ratio for row in rows if row.ratio])
+    out = []
+    for o, local, linear in zip(problem.fit, fitted.point.local, found.linears, strict=True):
+        point = Point(fitted.point.x, (local,))
+        own = system(problem, (o,), fitted.members, point, (linear,), fitted.noise, 1.0)
+        out.append(
+            (
+                np.concatenate([own.gain, ratio * own.right[free]]),
+                np.concatenate([own.further, ratio[:, None] * own.matrix[free]]),
+                np.concatenate([np.diag(own.own), ratio**2 * np.diag(own.matrix)[free]]),
+            )
+        )
+    return out
 
 
 def _gain(matrix: Array, right: Array, weight: Array, x: Array) -> float:

@@ -417,7 +417,12 @@ def with_all_records(
 
 
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
-    """The first causes by score, and those that are nearly as good; errors of records: a half."""
+    """The first causes by score, and those that are nearly as good; errors of records: a half.
+
+    Of the causes of some records, the first two: their equivalents are found later.
+    """
+    scoped = [s.cause for s in ranked if problem.causes[s.cause].records][2:]
+    ranked = [s for s in ranked if s.cause not in scoped]
     best = max((s.gain for s in ranked), default=0.0)
     count = max(tries, sum(s.gain > NEARLY * best for s in ranked))
     of_records = [s.cause for s in ranked if problem.causes[s.cause].of_records]
@@ -440,6 +445,13 @@ def _climb(
 
     def gain(s: Fitted, over: Fitted) -> float:
         return log_odds(problem, s, over)
+
+    strict = replace(problem, discrepancy_samples=STRICT)
+
+    def sure(s: Fitted) -> bool:
+        """Whether a set with a cause of some records has the strict evidence: others go on."""
+        new = [i for i in s.causes if problem.causes[i].records and i not in now.causes]
+        return not new or log_odds(strict, s, now) > WORTH
 
     @cache
     def scored(fitted: Fitted) -> tuple[list[Score], Directions]:
@@ -466,6 +478,7 @@ def _climb(
         fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
         if first and (plain := _tabulated(problem, now, check)) is not None:
             fits += [f for f in _refit(problem, found, tried(plain), check) if f is not None]
+        fits = [f for f in fits if sure(f)]
         if not fits:
             break
         best = best_of(problem, fits)

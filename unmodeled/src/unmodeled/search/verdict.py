@@ -129,8 +129,8 @@ def judge(
         nothing=float(
             sum(w for s, w in zip(answer.sets, answer.weight, strict=True) if not s.causes)
         ),
-        not_tried=tuple(f.cause for f in findings if not f.fitted),
-        causes=len(problem.causes),
+        not_tried=_not_tried(problem, findings),
+        causes=sum(c.family < 0 for c in problem.causes),
         complete=searched.ended_by is None,
         drawn=answer.posterior.drawn,
         notes=problem.notes,
@@ -208,6 +208,7 @@ def _findings(
     """The finding of each candidate, members first, then by their gain to first order."""
     chosen, problem = answer.chosen, answer.problem
     fitted = {i for s in chosen.searched.sets.values() for i in s.causes}
+    fitted |= problem.families_of(fitted)  # a scope is no further law
     gains = {s.cause: s.gain for s in chosen.searched.first}
     taken = {w.name: takes_over(channels, w) for w in without}
     by_trust = [
@@ -253,6 +254,12 @@ def _findings(
             )
         out.append(marked(found))
     return tuple(sorted(out, key=lambda f: (not f.member, -np.nan_to_num(f.gain, nan=-math.inf))))
+
+
+def _not_tried(problem: Problem, findings: Sequence[Finding]) -> tuple[str, ...]:
+    """Laws that no fitted set has in any scope."""
+    laws = {c.name for c in problem.causes if c.family < 0}
+    return tuple(f.cause for f in findings if not f.fitted and f.cause in laws)
 
 
 def _probability(sets: Sequence[Fitted], weight: Array, cause: int) -> float:
@@ -625,7 +632,7 @@ def _at_limit(problem: Problem, fitted: Fitted, cause: int) -> bool:
 def _inside(problem: Problem, cause: Cause) -> bool:
     """Whether a cause acts inside the model, not at an input or a sensor; no parameter does."""
     inputs = {f"input {n}" for o in problem.fit for n in o.record.inputs}
-    return not (cause.of_records or cause.parameter is not None or cause.component in inputs)
+    return not (cause.of_records or cause.of_parameter or cause.component in inputs)
 
 
 # ---------------------------------------------------------------- sizes

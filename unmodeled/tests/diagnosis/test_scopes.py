@@ -1,0 +1,104 @@
+"""Causes of some records: a law acts in one record, in the first ones, or in the last ones."""
+
+import numpy as np
+import pytest
+
+from unmodeled import Equations, Record, Sensor, Verdict
+from unmodeled.search.scopes import scopes_of
+
+EFFECTS = ["constant force x", "dry friction x", "* of input F", "gain of sensor x",
+           "offset of sensor x"]  # fmt: skip
+
+
+def driven(count=3, *, force=None, gain=None, mass=None):
+    """Records of a mass on a spring, 2 kg, 90 N/m, 3 N s/m; the arguments are by record."""
+    force, gain, mass = force or [0.0] * 9, gain or [1.0] * 9, mass or [2.0] * 9
+    rng, time, records = np.random.default_rng(8), np.arange(0.0, 2.0, 0.01), []
+    for k in range(count):
+        drive = 4.0 * np.sin(2 * np.pi * (0.7 + 0.3 * k) * time) + np.sign(np.sin(3.0 * time))
+        step, x, out = 5e-4, np.zeros(2), []
+        for u in drive:
+            out.append(x[0])
+            for _ in range(20):
+                middle = x + 0.5 * step * _rates(x, u, force[k], gain[k], mass[k])
+                x = x + step * _rates(middle, u, force[k], gain[k], mass[k])
+        seen = np.array(out) + 5e-5 * rng.standard_normal(time.size)
+        sensors = {"x": Sensor(name="x", unit="m", sigma=5e-5)}
+        records.append(
+            Record(
+                name=f"rec{k}", time=time, inputs={"F": drive}, outputs={"x": seen}, sensors=sensors
+            )
+        )
+    return records
+
+
+def _rates(x, drive, force, gain, mass):
+    return np.array([x[1], (gain * drive + force - 90.0 * x[0] - 3.0 * x[1]) / mass])
+
+
+def model():
+    return Equations(
+        lambda t, x, u, p: (x.v, (u.F - p.k * x.x - p.d * x.v) / p.m),
+        states={"x": (0.0, 1e-4, "m"), "v": (0.0, 1e-3, "m/s")},
+        parameters={"m": (2.0, 0.06, "kg"), "k": (90.0, 3.0, "N/m"), "d": (3.0, 0.4, "N s/m")},
+        hold="zero",
+        inputs={"F": "N"},
+        outputs={"x": "x"},
+    )
+
+
+def diagnosed(records):
+    return model().diagnose(records, effects=EFFECTS)
+
+
+def told(report):
+    return [n for group in (report.named, *report.classes) for n in group]
+
+
+def test_a_force_in_one_record_is_told_there():
+    report = diagnosed(driven(force=[0.0, 1.0, 0.0]))
+    found = {n.subject.fault: n for n in told(report)}
+    assert found["constant force"].magnitude == pytest.approx(1.0, abs=0.01)
+    assert {n.subject.scope.records for n in found.values()} == {("rec1",)}
+    assert "in rec1" in report.summary()
+
+
+def test_a_gain_of_the_input_in_one_record_is_a_class_with_that_of_the_sensor():
+    report = diagnosed(driven(gain=[1.0, 1.25, 1.0]))
+    found = {n.subject.component: n for n in told(report)}
+    assert found["input F"].magnitude == pytest.approx(-0.2, abs=0.005)
+    assert found["sensor x"].magnitude == pytest.approx(0.25, abs=0.005)
+    assert {n.subject.scope.records for n in found.values()} == {("rec1",)}
+
+
+def test_a_mass_in_one_record_is_a_parameter_that_differs_from_the_others():
+    report = diagnosed(driven(mass=[2.0, 2.6, 2.0]))
+    (cause,) = report.named
+    assert (cause.cause, cause.subject.kind) == ("m in rec1", "parameter")
+    assert cause.magnitude == pytest.approx(0.6, abs=0.01)
+    said = report.summary()
+    assert said.startswith("The parameter m differs from the other records by +0.")
+    assert " kg (+0.59" in said
+    assert ") in rec1: with this" in said
+    assert report.changes[0].by_record == ()
+
+
+def test_a_change_between_two_series_is_told_with_records_that_were_not_fitted():
+    report = diagnosed(driven(6, mass=[2.0] * 3 + [2.3] * 3))
+    (cause,) = report.named
+    assert cause.subject.scope.records == ("rec3", "rec4", "rec5")
+    assert "in rec3 to rec5" in report.summary()
+    assert cause.magnitude == pytest.approx(0.3, abs=0.01)
+    assert report.channels[0].held_out_explained < 2.0 * report.channels[0].noise
+
+
+def test_records_of_one_machine_differ_in_nothing():
+    report = diagnosed(driven())
+    assert report.verdict in (Verdict.NO_GAP, Verdict.CALIBRATED)
+    assert not told(report)
+
+
+def test_scopes_are_single_records_and_runs_from_an_end():
+    assert scopes_of(1) == []
+    assert scopes_of(2) == [{0}, {1}]
+    assert scopes_of(4) == [{0}, {1}, {2}, {3}, {0, 1}, {0, 1, 2}, {1, 2, 3}, {2, 3}]
