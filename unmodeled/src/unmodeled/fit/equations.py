@@ -265,7 +265,7 @@ class Equations(Model):
         if self._resolved:
             return Ready(self, tuple(records))
         self._check_rates(records)
-        assumed = in_si(self, self._function, records)
+        in_si(self, self._function, records)
         self._traces.points = None  # those of all records
         try:
             self._check_inputs(records)
@@ -277,7 +277,7 @@ class Equations(Model):
         except Error:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved = True
-        notes += [*self._converted, *assumed, *sizes]
+        notes += [*self._converted, *sizes]
         notes += self._inferred * list(self._about_coordinates())
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
