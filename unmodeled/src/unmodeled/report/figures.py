@@ -43,6 +43,8 @@ CHANNELS = 24
 RECORDS, POINTS, UNKNOWNS, LETTERS = 6, 1200, 24, 44
 #: Largest numbers of small panels of motions, of them in a row, and of laws.
 PANELS, ACROSS, LAWS = 12, 4, 6
+#: Largest number of laws below a motion.
+BELOW = 3
 #: Share of the measured range that a model may leave on each side.
 OUTSIDE = 0.6
 
@@ -164,7 +166,8 @@ def waterfall(result: Result) -> Figure:
         at, change = 100.0 * c.share(left), 100.0 * c.share(width)
         ax.barh(i, change, 0.66, left=at, color=color)
         end = max(at, at + change)
-        shown = f" {change:.2g}" if left == 0.0 and color != BLUE else f" {-change:+.2g}"
+        rounded = float(f"{change:.2g}")
+        shown = f" {rounded:g}" if left == 0.0 and color != BLUE else f" {-rounded:+g}"
         ax.text(end, i, shown, va="center", fontsize=NORMAL)
     ax.set_yticks(range(len(bars)), [plain_text(b[0][:LETTERS]) for b in bars], fontsize=NORMAL)
     ax.set_ylim(len(bars) - 0.4, -0.6)
@@ -189,7 +192,29 @@ def motion(motions: Motions) -> Figure:
     _motion_panel(figure.add_subplot(grid[0, :]), first, large=True)
     for k, m in enumerate(rest):
         _motion_panel(figure.add_subplot(grid[1 + k // across, k % across]), m, large=False)
-    _key(figure, [("measured", BLACK), ("as it is", ORANGE), ("with the changes", BLUE)])
+    _key(figure, MOTION_KEY)
+    return figure
+
+
+def answer(motions: Motions | None, laws: Sequence[Law]) -> Figure:
+    """The answer in one picture: the clearest part of the motions, and the first laws below it.
+
+    Parameters
+    ----------
+    motions
+        Motions of the records; None: they are not known.
+    laws
+        Laws with the points that the records leave for them.
+    """
+    shown = laws[:BELOW]
+    figure = new_figure(WIDTH, 2.6 * (motions is not None) + 2.7 * bool(shown) + 0.3)
+    rows = [2.5] * (motions is not None) + [2.6] * bool(shown)
+    grid = figure.add_gridspec(len(rows) or 1, len(shown) or 1, height_ratios=rows or [1.0])
+    if motions is not None:
+        _motion_panel(figure.add_subplot(grid[0, :]), motions.chosen, large=True)
+    for k, law in enumerate(shown):
+        _law_panel(figure.add_subplot(grid[-1, k]), law)
+    _key(figure, [*MOTION_KEY, *(LAW_KEY if shown else ())])
     return figure
 
 
@@ -231,28 +256,34 @@ def _key(figure: Figure, items: Sequence[tuple[str, str]]) -> None:
                   frameon=False, fontsize=NORMAL, handlelength=1.4)  # fmt: skip
 
 
+#: Names of the colors.
+MOTION_KEY = (("measured", GRAY), ("as it is", ORANGE), ("with the changes", BLUE))
+LAW_KEY = (("records", BLACK), ("law, 95 %", SKY))
 #: Colors and markers of the records of a law.
 RECORD_MARKS = ((BLACK, "o"), (RED, "s"), (GREEN, "^"))
 
 
-def evidence(laws: Sequence[Law]) -> Figure:
+def evidence(laws: Sequence[Law], *, key: bool = True) -> Figure:
     """The evidence of each change in the coordinates of its law: points, law and interval.
 
     Parameters
     ----------
     laws
         Laws with the points that the records leave for them.
+    key
+        Whether the colors are named.
     """
     shown = laws[:LAWS]
     across = min(2, max(len(shown), 1))
     rows = -(-len(shown) // across) or 1
-    figure = new_figure(WIDTH if across > 1 else 0.62 * WIDTH, 2.9 * rows + 0.3)
+    figure = new_figure(WIDTH if across > 1 else 0.5 * WIDTH, 2.9 * rows + 0.3)
     panels = figure.subplots(rows, across, squeeze=False).ravel()
     for ax in panels[len(shown) :]:
         ax.set_visible(False)
     for ax, law in zip(panels, shown, strict=False):
         _law_panel(ax, law)
-    _key(figure, [("records", BLACK), ("law, 95 %", BLUE)])
+    if key:
+        _key(figure, LAW_KEY)
     return figure
 
 

@@ -78,6 +78,8 @@ class Searched:
     """Pairs of causes with the same columns in a set."""
     ended_by: BaseException | None = None
     """``Stop`` or ``KeyboardInterrupt``, if one ended the search before its end."""
+    answer: tuple[Problem, Fitted, Fitted] | None = None
+    """What the verdict tells: the problem, the model alone, and the set of the answer."""
 
     def ranked(self) -> tuple[list[Fitted], Array]:
         """Sets in the order of their posterior probability, and these probabilities."""

@@ -109,6 +109,7 @@ def judge(
     missing = [s for s in (alone, best) if s.causes not in predicted]
     if shown.held_out and problem.fit is shown.fit and not by_user:  # a few runs after the limit
         predicted |= {s.causes: p for s, p in zip(missing, predict(shown, missing), strict=True)}
+    searched.answer = problem, alone, best
     channels = _channels(problem, shown, alone, best, predicted, options)
     if shown.held_out and (part := searched.sets.get(best.causes)) is not None:
         channels = tuple(
