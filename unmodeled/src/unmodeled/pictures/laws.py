@@ -106,7 +106,7 @@ def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
     place = _Place.of(problem, fitted, index, chosen) if effect.rate is not None else None
     if place is not None:
         return _force(problem, fitted, change, place)
-    return _likelihood(problem, fitted, change, index)
+    return _moved(problem, fitted, change, without)
 
 
 def _without(problem: Problem, fitted: Fitted, index: int) -> list[Linear] | None:
@@ -254,15 +254,39 @@ def _few(points: Points) -> Points:
     return Points(points.label, points.x[every], points.y[every], points.sd[every])
 
 
+def _channel(fitted: Fitted, without: Sequence[Linear]) -> int:
+    """The channel that an effect moves most, in its noise."""
+    moved = [
+        (((a.residual - b.residual) / fitted.noise) ** 2).sum(axis=0)
+        for a, b in zip(without, fitted.linears, strict=True)
+    ]
+    return int(np.argmax(np.sum(moved, axis=0)))
+
+
+def _moved(
+    problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
+) -> Law | None:
+    """What an effect inside a model without ports moves, against what the records ask for."""
+    c, points, reach = _channel(fitted, without), [], 0.0
+    for r in _shown(fitted, without):
+        o = problem.fit[r]
+        good, sd = o.valid[:, c], o.sd[:, c]
+        asked = (without[r].residual[:, c] * sd)[good]
+        moves = asked - (fitted.linears[r].residual[:, c] * sd)[good]
+        points.append(_few(Points(o.record.name, moves, asked, np.zeros(asked.size))))
+        reach = max(reach, float(np.abs(moves).max(initial=0.0)))
+    ends = np.array([-reach, reach])
+    line = _scaled(change, "law", ends, ends)
+    name, unit = _short(problem.names[c]), problem.units[c]
+    axes = Axis(f"{name}, change predicted", unit), Axis(f"{name}, change measured", unit)
+    return _law(change, "law", *axes, points, [line]) if reach > 0.0 else None
+
+
 def _reading(
     problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
 ) -> Law | None:
     """Error of a sensor against the value that it would show without this error."""
-    moved = [
-        ((a.residual - b.residual) ** 2).sum(axis=0)
-        for a, b in zip(without, fitted.linears, strict=True)
-    ]
-    c = int(np.argmax(np.sum(moved, axis=0)))
+    c = _channel(fitted, without)
     points, x, y = [], [], []
     for r in _shown(fitted, without):
         o = problem.fit[r]

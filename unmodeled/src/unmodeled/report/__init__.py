@@ -474,7 +474,8 @@ def _details(result: Result) -> Iterator[_Section]:
 def _candidates(result: Result) -> _Section:
     """All candidates that were fitted, and those that were not."""
     known = dict(_probabilities(result, least=0.0))
-    k, left = result.channels.index(result.worst), {}
+    k = result.channels.index(result.worst)
+    left: dict[str, float] = {}
     for s in result.sets:
         for name in s.causes:
             left[name] = min(s.residual[k], left.get(name, math.inf))

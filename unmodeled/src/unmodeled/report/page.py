@@ -35,7 +35,7 @@ def render_page(template: str, *, package: str = "unmodeled.report", **values: o
     return environment.from_string(text).render(**values)
 
 
-def page(motions: Motions | None, laws: Sequence[Law], **values: object) -> str:
+def page(motions: Motions | None, laws: Sequence[Law], **values: Any) -> str:
     """The page of a report.
 
     Parameters
@@ -51,7 +51,7 @@ def page(motions: Motions | None, laws: Sequence[Law], **values: object) -> str:
 
     script = (resources.files("unmodeled.report") / "report.js").read_text(encoding="utf-8")
     digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    alive: dict[str, object] = {"data": "", "records": (), "still": ""}
+    alive: dict[str, Any] = {"data": "", "records": (), "still": ""}
     if motions is not None:
         alive = {
             "data": Markup(_data(motions)),
