@@ -43,7 +43,8 @@ def law(effect, runs, model=NOMINAL):
     index = next(i for i, c in enumerate(problem.causes) if c.effect is effect)
     fitted = search(problem, Options()).sets[(index,)]
     size = effect.scale * fitted.point.x[len(problem.free)]
-    return law_of(problem, fitted, change_of(effect.name, size, effect.unit))
+    change = change_of(effect.name, size, effect.unit)
+    return law_of(problem, fitted, dataclasses.replace(change, subject=effect.about))
 
 
 def leaves(law):

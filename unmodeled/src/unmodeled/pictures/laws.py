@@ -94,7 +94,7 @@ def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
     without = _without(problem, fitted, index)
     if without is None:
         return None
-    if any(effect.name.startswith(fault) for fault in OVER_TIME):
+    if problem.causes[index].subject.fault in OVER_TIME:
         return _over_time(problem, fitted, change, without)
     if effect.observe is not None:
         return _reading(problem, fitted, change, without)
@@ -156,7 +156,7 @@ def _by_records(change: Change) -> Law:
         Points(name, at[k : k + 1], np.array([v]), np.array([half]))
         for k, (name, v) in enumerate(zip(change.records, change.by_record, strict=True))
     ]
-    y = Axis(change.title.partition(" of ")[0], change.unit)
+    y = Axis(change.subject.fault or "size", change.unit)
     return _law(change, "records", Axis("record", ""), y, points, ())
 
 
@@ -301,7 +301,7 @@ def _reading(
         return None
     unit, name = problem.units[c], _short(problem.names[c])
     line, label = _function(change, "law", np.concatenate(x), np.concatenate(y)), "reading error"
-    if any(change.name.startswith(fault) for fault in LEVELS):  # of which the reading tells more
+    if change.subject.fault in LEVELS:  # of which the reading tells more
         points = [Points(p.label, p.x, p.x + p.y, p.sd) for p in points]
         y_, low, high = (line.x + v for v in (line.y, line.low, line.high))
         line, label = replace(line, y=y_, low=low, high=high), "reading"
