@@ -165,16 +165,17 @@ def _likelihood(problem: Problem, fitted: Fitted, change: Change, index: int | N
     k = _unknown(problem, fitted, change, index)
     if k is None:
         return None
-    at = change.tabulated
-    value, sd = at + change.size, (change.high - change.low) / (2.0 * HALF)
+    shown = 100.0 if change.relative else 1.0
+    at, size = shown * change.tabulated, shown * change.size
+    value, sd = at + size, shown * (change.high - change.low) / (2.0 * HALF)
     if not sd > 0.0:
         return None
     own = fitted.point.x[k]
-    scale = change.size / own if own else 0.0
+    scale = size / own if own else 0.0
     values, covariance = by_record(problem, fitted, k)
     each = at + scale * values
     spread = abs(scale) * np.sqrt(np.maximum(np.diag(covariance), 0.0) / fitted.effective)
-    reach = max(4.0 * sd, 1.2 * abs(change.size))
+    reach = max(4.0 * sd, 1.2 * abs(size))
     grid = np.unique(np.append(np.linspace(value - reach, value + reach, 200),
                                value + sd * np.linspace(-4.0, 4.0, 81)))  # fmt: skip
     likelihood = np.exp(-0.5 * ((grid - value) / sd) ** 2)
@@ -185,7 +186,7 @@ def _likelihood(problem: Problem, fitted: Fitted, change: Change, index: int | N
     ]
     line = Line("likelihood", grid, likelihood, likelihood, likelihood)
     as_it_is = Line("as it is", np.full(2, at), np.array([0.0, 1.0]), np.zeros(2), np.ones(2))
-    x = Axis(_short(change.title), "1" if change.relative else change.unit)
+    x = Axis("value", "%" if change.relative else change.unit)
     return _law(change, "likelihood", x, Axis("likelihood", "1"), points, (line, as_it_is))
 
 

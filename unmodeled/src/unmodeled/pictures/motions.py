@@ -71,7 +71,14 @@ def motions_of(
             left_by = {n: float(v) for n, v in zip(problem.names, left, strict=True)}
             found.append(Alternative(kept, left_by, tuple(curves)))
     chosen, *rest = (m for m, _ in shown)
-    return Motions(chosen, tuple(rest), names, tuple(found))
+    labels = tuple(_label(c) for n in names for c in changes if c.name == n)
+    return Motions(chosen, tuple(rest), names, labels, tuple(found))
+
+
+def _label(change: Change) -> str:
+    """Name for people: what changes, or the name of what is added."""
+    article, _, thing = change.title.partition(" ")
+    return thing if article.lower() == "the" else change.name
 
 
 def _tabulated(problem: Problem, alone: Fitted) -> Sequence[Linear]:

@@ -6,6 +6,7 @@ import io
 import itertools
 import math
 import re
+import textwrap
 from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -295,7 +296,8 @@ def _law_panel(ax: Axes, law: Law) -> None:
         for axis, values in zip((law.x, law.y), zip(*own, strict=True), strict=True)
     )
     title = law.title[:1].upper() + law.title[1:] if " " in law.title else law.title
-    style_axes(ax, _axis(law.x.label, ux), _axis(law.y.label, uy), plain_text(title[:LETTERS]))
+    style_axes(ax, _axis(law.x.label, ux), _axis(law.y.label, uy),
+               plain_text(textwrap.fill(title, LETTERS)))  # fmt: skip
     {"records": _bars, "likelihood": _likelihood, "step": _step}.get(law.kind, _curve)(
         ax, law, fx, fy
     )

@@ -68,7 +68,7 @@ const motions = (data) => {
     const to = (v) => top + height * (1 - (v - ylim[0]) / (ylim[1] - ylim[0]));
     const id = `clip${clips++}`;
     el(el(svg, "clipPath", { id }), "rect", { x: left, y: top, width, height });
-    const [ys, yd] = ticks(ylim[0], ylim[1], Math.max(3, height / 45));
+    const [ys, yd] = ticks(ylim[0], ylim[1], Math.max(4, height / 45));
     for (const v of ys) {
       el(svg, "line", { x1: left, x2: left + width, y1: to(v), y2: to(v), class: "grid" });
       el(svg, "text", { x: left - 6, y: to(v) + 4, "text-anchor": "end" }, v.toFixed(yd));
