@@ -231,8 +231,8 @@ def _motion_panel(ax: Axes, m: Motion, *, large: bool) -> None:
     low, high = limits(m)
     ax.set_ylim(factor * low, factor * high)
     title = m.record if large else m.record[: LETTERS // 2]
-    y = f"{m.channel if large else m.channel[:12]} [{raised(unit)}]"
-    style_axes(ax, f"time [{second}]" if large else "", plain_text(y),
+    y = _axis(m.channel if large else m.channel[:12], unit)
+    style_axes(ax, f"time [{second}]" if large else "", y,
                plain_text(f"{title}, held out" if m.held_out else title))  # fmt: skip
     ax.locator_params(nbins=6 if large else 3)
 
@@ -315,7 +315,7 @@ def _curve(ax: Axes, law: Law, fx: float, fy: float) -> None:
         else:
             for end in (line.low, line.high):
                 ax.plot(fx * line.x, fy * end, color=SKY, lw=0.7)
-        ax.plot(fx * line.x, fy * line.y, color=BLUE, lw=1.8)
+        ax.plot(fx * line.x, fy * line.y, color=BLUE, lw=1.8, zorder=1.5)
     records = list(dict.fromkeys(p.label.partition(", ")[0] for p in law.points))
     for p in law.points:
         color, mark = RECORD_MARKS[records.index(p.label.partition(", ")[0]) % len(RECORD_MARKS)]
@@ -325,7 +325,7 @@ def _curve(ax: Axes, law: Law, fx: float, fy: float) -> None:
             ax.errorbar(fx * p.x, fy * p.y, HALF * fy * p.sd, fmt=mark, color=color, ms=3.5,
                         lw=0.8, zorder=3)  # fmt: skip
         else:
-            ax.plot(fx * p.x, fy * p.y, mark, color=color, ms=3.0, alpha=0.4, mew=0, zorder=1)
+            ax.plot(fx * p.x, fy * p.y, mark, color=color, ms=3.0, alpha=0.5, mew=0, zorder=2)
 
 
 def _step(ax: Axes, law: Law, fx: float, fy: float) -> None:
@@ -334,10 +334,9 @@ def _step(ax: Axes, law: Law, fx: float, fy: float) -> None:
         ax.plot(fx * line.x, fy * line.y, color=color, ls=style, lw=1.6)
     for p in law.points:
         ax.plot(fx * p.x, fy * p.y, "o", color=BLACK, ms=2.5, mew=0)
-    at = law.lines[0].x[-1]
-    for line, color in zip(law.lines, (ORANGE, BLUE), strict=True):
-        ax.annotate(line.label, (fx * at, fy * line.y[-1]), (3, 0), textcoords="offset points",
-                    color=color, fontsize=SMALL, va="center", annotation_clip=False)  # fmt: skip
+    for row, (line, color) in enumerate(zip(law.lines, (ORANGE, BLUE), strict=True)):
+        ax.annotate(line.label, (1.0, 1.02), (0, 9 * row), xycoords="axes fraction", ha="right",
+                    textcoords="offset points", color=color, fontsize=SMALL)  # fmt: skip
 
 
 def _likelihood(ax: Axes, law: Law, fx: float, fy: float) -> None:
