@@ -243,6 +243,8 @@ def test_few_points_keep_the_extremes():
         (3e-7, "1", 1e9, "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT NINE}"),
         (1e-4, "1/s", 1e6, "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT SIX} 1/s"),
         (2.0, "N", 1.0, "N"),
+        (1.8e3, "s", 1.0 / 60.0, "min"),
+        (90_000.0, "s", 1.0 / 3600.0, "h"),
         (0.0, "N", 1.0, "N"),
     ],
 )
@@ -254,6 +256,7 @@ def test_axes_have_units_with_few_digits(most, unit, factor, name):
 
 def test_powers_of_units_are_raised():
     two, minus = "\N{SUPERSCRIPT TWO}", "\N{SUPERSCRIPT MINUS}"
+    assert raised("degC s") == "\N{DEGREE SIGN}C s"
     assert raised("N s^2/m^-2") == f"N s{two}/m{minus}{two}"
 
 

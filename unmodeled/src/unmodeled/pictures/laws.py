@@ -8,6 +8,7 @@ for a sensor the readings less those without its error. If the law is wrong, the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -40,14 +41,17 @@ from unmodeled.search.score import by_record, index_of
 RECORDS, INTERVALS, IN_EACH, CLOUD = 3, 12, 8, 300
 #: Standard deviation above which a point is not shown, as a share of the range of the law.
 UNSURE = 0.35
-#: Share of the variance that a function of a variable leaves up to which the law is one.
-FUNCTION = 0.05
+#: Share of the variance that a function of a variable leaves up to which the law is one, and from
+#: which it is shown by means.
+FUNCTION, SMOOTH = 0.05, 1e-3
 #: Number of fits of an action, each with the noise that the one before it leaves.
 ROUNDS = 3
 #: Amplitude of a force for a derivative, in the scale of its port.
 STEP = 1e-3
 #: Faults of sensors and inputs that are seen over time.
 OVER_TIME = ("delay", "lag", "clock")
+#: Length of the part that shows a delay, in delays, and its smallest number of samples.
+LATE, FEWEST = 20.0, 16
 #: Faults with a level, beyond or within which a signal is lost.
 LEVELS = ("saturation", "dead zone")
 
@@ -214,7 +218,8 @@ def _over_time(
     problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
 ) -> Law | None:
     """The part of a channel where a late signal differs most from one in time."""
-    r, c, part = _best_part(problem, fitted, without)
+    late = abs(change.size) if change.unit == "s" else math.inf
+    r, c, part = _best_part(problem, fitted, without, LATE * late)
     if r is None:
         return None
     o = problem.fit[r]
@@ -234,13 +239,14 @@ def _over_time(
 
 
 def _best_part(
-    problem: Problem, fitted: Fitted, without: Sequence[Linear]
+    problem: Problem, fitted: Fitted, without: Sequence[Linear], longest: float
 ) -> tuple[int | None, int, slice]:
-    """Record, channel and part in which an effect takes away most."""
+    """Record, channel and part in which an effect takes away most; ``longest``: its length [s]."""
     best, found = 0.0, (None, 0, slice(0, 0))
     for r, (o, a, b) in enumerate(zip(problem.fit, without, fitted.linears, strict=True)):
         gain = ((a.residual**2 - b.residual**2) / fitted.noise**2)[: o.end]
-        width = int(np.clip(o.end // 12, min(40, o.end), 400))
+        most = min(longest / o.record.interval, 400.0)
+        width = int(np.clip(min(o.end / 12, most), min(FEWEST, o.end), o.end))
         for c in range(gain.shape[1]):
             sums = np.convolve(gain[:, c], np.ones(width), "valid")
             at = int(np.argmax(sums))
@@ -314,6 +320,8 @@ def _function(change: Change, label: str, x: Array, y: Array) -> Line:
     """A law as a function of its variable, from values along a motion."""
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
+    if _scatter(x, y) > SMOOTH:  # another variable moves it a little
+        x, y = (np.array([part.mean() for part in np.array_split(v, 25)]) for v in (x, y))
     keep = thinned([y], 240)
     return _scaled(change, label, x[keep], y[keep])
 

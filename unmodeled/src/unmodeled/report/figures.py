@@ -54,6 +54,8 @@ OUTSIDE = 0.6
 PREFIXES = {-9: "n", -6: "\N{MICRO SIGN}", -3: "m", 3: "k", 6: "M", 9: "G"}
 #: Units that take a prefix; g stands for kg.
 PREFIXABLE = {"m", "s", "N", "A", "V", "W", "J", "Pa", "Hz", "rad", "H", "F", "K", "C", "mol"}
+#: Times from which an axis shows minutes, and hours [s].
+MINUTES = (600.0, 36_000.0)
 #: Digits of a superscript.
 SUPERSCRIPT = str.maketrans(
     "-0123456789",
@@ -74,6 +76,8 @@ def axis_unit(*values: Array, unit: str) -> tuple[float, str]:
     known = [np.abs(v[np.isfinite(v)]) for v in values]
     most = max((float(v.max()) for v in known if v.size), default=0.0)
     factor, name = readable_unit(most, unit)
+    if unit == "s" and most >= MINUTES[0]:
+        return (1.0 / 60.0, "min") if most < MINUTES[1] else (1.0 / 3600.0, "h")
     if most == 0.0 or 0.05 <= factor * most < 1e4:
         return factor, name
     power = 3 * math.floor(math.log10(most) / 3.0)
@@ -89,8 +93,9 @@ def axis_unit(*values: Array, unit: str) -> tuple[float, str]:
 
 
 def raised(unit: str) -> str:
-    """A unit with superscripts for its powers."""
-    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPT), unit)
+    """A unit with superscripts for its powers, and the sign of degrees."""
+    text = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPT), unit)
+    return re.sub(r"\bdeg([CF])\b", "\N{DEGREE SIGN}\\1", text)
 
 
 def svg(figure: Figure, name: str) -> str:
@@ -297,7 +302,7 @@ def _law_panel(ax: Axes, law: Law) -> None:
     )
     title = law.title[:1].upper() + law.title[1:] if " " in law.title else law.title
     style_axes(ax, _axis(law.x.label, ux), _axis(law.y.label, uy),
-               plain_text(textwrap.fill(title, LETTERS)))  # fmt: skip
+               plain_text(textwrap.fill(raised(title), LETTERS)))  # fmt: skip
     {"records": _bars, "likelihood": _likelihood, "step": _step}.get(law.kind, _curve)(
         ax, law, fx, fy
     )
