@@ -65,6 +65,8 @@ class _Path:
     """Force, or other action, at each sample, (n,)."""
     variables: Mapping[str, tuple[Array, str]]
     """What it may depend on by name: values, (n,), and unit."""
+    acts: bool = True
+    """Whether it acts in this record; else the values are zero."""
 
 
 def laws(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> tuple[Law, ...]:
@@ -101,8 +103,8 @@ def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
     if problem.causes[index].subject.fault in OVER_TIME:
         return _over_time(problem, fitted, change, without)
     if effect.observe is not None:
-        return _reading(problem, fitted, change, without)
-    chosen = _shown(fitted, without)
+        return _reading(problem, fitted, change, index, without)
+    chosen = _shown(problem, fitted, index, without)
     if effect.regressor is not None:
         return _output(problem, fitted, change, index, chosen)
     if effect.excite is not None:
@@ -110,7 +112,7 @@ def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
     place = _Place.of(problem, fitted, index, chosen) if effect.rate is not None else None
     if place is not None:
         return _force(problem, fitted, change, place)
-    return _moved(problem, fitted, change, without)
+    return _moved(problem, fitted, change, index, without)
 
 
 def _without(problem: Problem, fitted: Fitted, index: int) -> list[Linear] | None:
@@ -123,13 +125,20 @@ def _without(problem: Problem, fitted: Fitted, index: int) -> list[Linear] | Non
     return None if any(linear.failed for linear in found) else found
 
 
-def _shown(fitted: Fitted, without: Sequence[Linear]) -> list[int]:
-    """Records in which the effect is seen best, in their order."""
+def _shown(problem: Problem, fitted: Fitted, index: int, without: Sequence[Linear]) -> list[int]:
+    """Records in which an effect is seen best, in their order.
+
+    If it acts in some records, the first one in which it does not is among them: its points are
+    near zero.
+    """
     gains = [
         float((((a.residual - b.residual) / fitted.noise) ** 2).sum())
         for a, b in zip(without, fitted.linears, strict=True)
     ]
-    return sorted(np.argsort(gains)[::-1][:RECORDS].tolist())
+    acts = [problem.causes[index].acts_in(o) for o in problem.fit]
+    best = [r for r in np.argsort(gains)[::-1].tolist() if acts[r]]
+    quiet = [r for r, own in enumerate(acts) if not own][:1]
+    return sorted(best[: RECORDS - len(quiet)] + quiet)
 
 
 def _law(
@@ -271,11 +280,11 @@ def _channel(fitted: Fitted, without: Sequence[Linear]) -> int:
 
 
 def _moved(
-    problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
+    problem: Problem, fitted: Fitted, change: Change, index: int, without: Sequence[Linear]
 ) -> Law | None:
     """What an effect inside a model without ports moves, against what the records ask for."""
     c, points, reach = _channel(fitted, without), [], 0.0
-    for r in _shown(fitted, without):
+    for r in _shown(problem, fitted, index, without):
         o = problem.fit[r]
         good, sd = o.valid[:, c], o.sd[:, c]
         asked = (without[r].residual[:, c] * sd)[good]
@@ -290,20 +299,21 @@ def _moved(
 
 
 def _reading(
-    problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
+    problem: Problem, fitted: Fitted, change: Change, index: int, without: Sequence[Linear]
 ) -> Law | None:
     """Error of a sensor against the value that it would show without this error."""
     c = _channel(fitted, without)
     points, x, y = [], [], []
-    for r in _shown(fitted, without):
+    for r in _shown(problem, fitted, index, without):
         o = problem.fit[r]
         good, sd = o.valid[:, c], o.sd[:, c]
         error = without[r].residual[:, c] * sd
         truth = o.measured[:, c] - error
         law = error - fitted.linears[r].residual[:, c] * sd
         points.append(Points(o.record.name, truth[good], error[good], np.zeros(int(good.sum()))))
-        x.append(truth[good])
-        y.append(law[good])
+        if problem.causes[index].acts_in(o):
+            x.append(truth[good])
+            y.append(law[good])
     if not x or sum(map(len, x)) < 4:
         return None
     unit, name = problem.units[c], _short(problem.names[c])
@@ -339,8 +349,9 @@ def _output(
     paths, left = [], []
     for r in chosen:
         o = problem.fit[r]
-        values = size * np.asarray(candidate.effect.regressor(o.record, candidate.shape))
-        paths.append(_Path(r, values, _inputs_of(o.record)))
+        acts = problem.causes[index].acts_in(o)
+        values = acts * size * np.asarray(candidate.effect.regressor(o.record, candidate.shape))
+        paths.append(_Path(r, values, _inputs_of(o.record), acts))
         left.append(fitted.linears[r].residual[:, 0] * o.sd[:, 0] + values)
     variable = _variable(paths)
     points = []
@@ -365,6 +376,7 @@ def _inputs_of(record: Record) -> dict[str, tuple[Array, str]]:
 
 def _variable(paths: Sequence[_Path], among: Sequence[str] = ()) -> str:
     """The variable of which the values are a function, or nearly so; earlier ones first."""
+    paths = [p for p in paths if p.acts]
     names = [n for n in paths[0].variables if not among or n in among]
     values = np.concatenate([p.values for p in paths])
     scores = {n: _scatter(np.concatenate([p.variables[n][0] for p in paths]), values)
@@ -384,6 +396,7 @@ def _scatter(z: Array, values: Array) -> float:
 
 def _lines(change: Change, paths: Sequence[_Path], variable: str) -> tuple[list[Line], bool]:
     """The law as one curve, or one in each direction; whether it is a loop."""
+    paths = [p for p in paths if p.acts]
     z = np.concatenate([p.variables[variable][0] for p in paths])
     values = np.concatenate([p.values for p in paths])
     if _scatter(z, values) <= FUNCTION:
@@ -469,7 +482,8 @@ class _Place:
                 return None
             force = along.force(place, keys[0])
             depends |= {n for n in along.names if along.changes(n, keys[0])}
-            found.append(_Path(r, force, along.variables(place)))
+            acts = problem.causes[index].acts_in(problem.fit[r])
+            found.append(_Path(r, acts * force, along.variables(place), acts))
         among = _those(found[0].variables, place, depends)
         moves = place is not None and bool(among)
         return cls(
@@ -651,10 +665,11 @@ def _input(
     for r in chosen:
         record = problem.fit[r].record
         acting = record.with_changed_inputs(lambda whole: excite(whole, size, candidate.shape))
+        acts = problem.causes[index].acts_in(problem.fit[r])
         moved = {n: acting.inputs[n] - v for n, v in record.inputs.items()}
         name = name or max(moved, key=lambda n: float(np.abs(moved[n]).max()))
         unit = record.input_units.get(name, "")
-        paths.append(_Path(r, moved[name], {name: (record.inputs[name], unit)}))
+        paths.append(_Path(r, acts * moved[name], {name: (record.inputs[name], unit)}, acts))
     z = np.concatenate([p.variables[name][0] for p in paths])
     edges = _edges(z, INTERVALS, at_zero=True)
 
