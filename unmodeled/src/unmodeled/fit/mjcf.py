@@ -17,6 +17,7 @@ from unmodeled.errors import InvalidParameter, near_names, shortened, which_colu
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
 from unmodeled.fit.mjcf_changes import controls, joints_of, place_of_payload
+from unmodeled.fit.mjcf_linear import columns_of
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.mjcf_start import (
@@ -35,7 +36,10 @@ from unmodeled.fit.model import (
     Effect,
     Origin,
     Ready,
+    Sensitivity,
+    SensitivityRequest,
     State,
+    difference_sensitivities,
     start_in,
 )
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
@@ -44,6 +48,8 @@ from unmodeled.fit.simulator import Simulator
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.
 STEP_ERROR, OF_SPREAD = 0.3, 0.01
+#: Derivatives by fewer numbers are faster by runs.
+FEW = 8
 
 
 class MujocoModel(Simulator):
@@ -164,6 +170,74 @@ class MujocoModel(Simulator):
                 f"model {self.name}: half its time step changes {', '.join(found)}: {step:.4g} s "
                 "is a long step, whose error may be taken for a cause"
             )
+
+    def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
+        """See :class:`~unmodeled.fit.Model`: rough ones along the motion, others by runs."""
+        for request in requests:
+            request.check(self)
+        found = {i: s for i, r in enumerate(requests) if (s := self._along(r)) is not None}
+        others = [r for i, r in enumerate(requests) if i not in found]
+        left = iter(difference_sensitivities(self, others))
+        return [found[i] if i in found else next(left) for i in range(len(requests))]
+
+    def _along(self, request: SensitivityRequest) -> Sensitivity | None:
+        """Derivatives along the motion; None: they are to be those of runs."""
+        if not request.rough or request.shape_changes:
+            return None
+        point = np.concatenate([request.theta, request.sizes])
+        values = self._values(point, request.included)
+        base = self.mjcf.structure(self.mjcf.changed(values))
+        by_runs, changes, places = [], [], []
+
+        def add(name: str, offsets: Sequence[tuple[float, float]]) -> bool:
+            """Whether the structure of the model stays."""
+            moved = [({name: values[name] + o}, w) for o, w in offsets]
+            own = [self.mjcf.structure(self.mjcf.changed({**values, **m})) for m, _ in moved]
+            if any(s is not base for s in own):
+                return False
+            changes.append(moved)
+            return True
+
+        for i in request.parameters_of(self):
+            if not add(self.parameters[i].name, self._offsets(self.parameters[i], point[i])):
+                return None
+        for c, size in zip(request.included, request.sizes, strict=True):
+            if not add(str(c.effect.data), self._offsets(c.effect, float(size))):
+                return None
+        first = len(changes)
+        for k, c in enumerate(request.candidates):
+            if add(str(c.effect.data), self._offsets(c.effect, 0.0)):
+                places.append(k)
+            else:
+                by_runs.append(k)
+        starts = [s.name for s in self._starts] if request.by_starts else []
+        if len(changes) + len(request.input_changes) < FEW:
+            return None
+        run = self._run(request.record, values, request.start)
+        found = columns_of(self.mjcf, run, changes, starts, request.input_changes, self.outputs)
+        if found is None:
+            return None
+        (outputs,) = self._runner.values([run])
+        by_candidate = np.zeros((*outputs.shape, len(request.candidates)))
+        own = len(request.parameters_of(self)), first, len(changes), len(changes) + len(starts)
+        by_candidate[..., places] = found[..., own[1] : own[2]]
+        if by_runs:
+            some = replace(
+                request,
+                by_theta=(),
+                by_starts=False,
+                candidates=tuple(request.candidates[k] for k in by_runs),
+                input_changes=(),
+            )
+            by_candidate[..., by_runs] = difference_sensitivities(self, [some])[0].d_candidates
+        return Sensitivity(
+            outputs=outputs,
+            d_theta=found[..., : own[0]],
+            d_magnitudes=found[..., own[0] : own[1]],
+            d_starts=found[..., own[2] : own[3]],
+            d_candidates=by_candidate,
+            d_inputs=found[..., own[3] :],
+        )
 
     @property
     def text(self) -> str:

@@ -76,6 +76,8 @@ class Kind:
     signed: bool = False
     moves: bool = False
     """Whether it moves a center of mass away from its joint."""
+    steady: bool = False
+    """Whether its force changes as slowly as the motion."""
 
 
 @dataclass(frozen=True)
@@ -166,13 +168,13 @@ def _tilt(axis: int) -> Setter:
 
 JOINT = {
     "damping": Kind(("N s/m", "N m s/rad"), _field("dof_damping", "dof"),
-                    "A force in proportion to the speed opposes the motion."),
+                    "A force in proportion to the speed opposes the motion.", steady=True),
     "frictionloss": Kind(("N", "N m"), _field("dof_frictionloss", "dof"),
-                         "A force of constant magnitude opposes the motion."),
+                         "A force of constant magnitude opposes the motion.", steady=True),
     "armature": Kind(("kg", "kg m^2"), _field("dof_armature", "dof"),
                      "The rotor has an inertia of its own.", inertial=True),
     "stiffness": Kind(("N/m", "N m/rad"), _field("jnt_stiffness", "joint"),
-                      "A spring acts on the joint."),
+                      "A spring acts on the joint.", steady=True),
     "backlash": Kind(("m", "rad"), _clearance, "The gear has a clearance of twice this size."),
 }  # fmt: skip
 
@@ -208,7 +210,7 @@ BODY = {
     **_places("payload", "body_ipos", "body", "The attached mass"),
 }  # fmt: skip
 TILT = {
-    f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True)
+    f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True, steady=True)
     for i, a in enumerate(AXES)
 }
 
