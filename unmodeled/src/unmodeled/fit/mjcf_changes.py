@@ -402,6 +402,21 @@ def controls(model: Any) -> dict[str, int]:
     }
 
 
+def probe(model: Any, name: str, value: float) -> float:
+    """A small change of a property, whose action is in proportion to it; 0: none is known."""
+    owner, _, what = name.rpartition(".")
+    step = float(model.opt.timestep)
+    if owner == "gravity":
+        return 1e-4
+    if what in JOINT and what != "backlash":
+        inertia = float(model.dof_M0[model.joint(owner).dofadr[0]])
+        return 1e-3 * inertia / (1.0 if what == "armature" else step)
+    if what in ("payload", "mass"):
+        return 1e-3 * float(model.body_subtreemass[1:].max())
+    # A largest force may act nowhere, or at once.
+    return 1e-3 * abs(value) if what in ACTUATOR and what != "force" else 0.0
+
+
 def joints_of(model: Any) -> tuple[Joint, ...]:
     """Hinges and slides with the actuators that act on them, in their order."""
     mj = import_mujoco()
