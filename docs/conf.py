@@ -74,6 +74,22 @@ EXTRA = ROOT / "build" / "pages"
 html_extra_path = [str(EXTRA)] if EXTRA.is_dir() else []
 html_theme_options = {"navigation_with_keys": True}
 
+#: READMEs that are pages of the site, by the name of the page.
+READMES = {"unmodeled": ROOT / "unmodeled" / "README.md"}
+TARGET = re.compile(r"\]\((?!https?:|#)([^)\s#]+)")
+
+
+def show_readme(app: Any, page: str, source: list[str]) -> None:
+    """The text of a README as a page, with links as they are from here."""
+    if (readme := READMES.get(page)) is None:
+        return
+
+    def moved(link: re.Match[str]) -> str:
+        return f"]({os.path.relpath(readme.parent / link.group(1), DOCS)}"
+
+    source[0] = TARGET.sub(moved, readme.read_text(encoding="utf-8"))
+
+
 OUTSIDE = re.compile(r"(?<!!)\[([^\]]*)\]\(((?:\.\./)+[^)\s#]*)(#[^)\s]*)?\)")
 
 
@@ -85,6 +101,10 @@ def name_files_of_the_repository(app: Any, page: str, source: list[str]) -> None
         target = Path(os.path.normpath(folder / link.group(2)))
         if target.is_relative_to(DOCS):
             return link.group()
+        for name, readme in READMES.items():
+            if target == readme:
+                own = os.path.relpath(DOCS / f"{name}.md", folder)
+                return f"[{link.group(1)}]({own}{link.group(3) or ''})"
         if not target.exists():
             raise ValueError(f"{page}: {link.group(2)} does not exist")
         path = target.relative_to(ROOT).as_posix()
@@ -121,6 +141,7 @@ def find_public_name(app: Any, env: Any, node: Any, content: Any) -> Any:
 
 def setup(app: Any) -> None:
     app.connect("builder-inited", lambda app: make_reference.write())
+    app.connect("source-read", show_readme)
     app.connect("source-read", name_files_of_the_repository)
     app.connect("source-read", link_actions)
     app.connect("missing-reference", find_public_name)

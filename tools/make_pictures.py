@@ -160,7 +160,7 @@ def cart_answer() -> Any:
     data = ROOT / "unmodeled" / "examples" / "data"
     with contextlib.chdir(data), contextlib.redirect_stdout(io.StringIO()):
         exec("\n".join(block.text), scope)
-    return scope["report"].plot()
+    return scope["report"].plot("answer")
 
 
 def view_two() -> str:

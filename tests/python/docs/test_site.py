@@ -37,3 +37,16 @@ def test_actions_are_linked_where_their_pages_were_made(conf, tmp_path, page):
         assert f'<a href="{start}actions/{name}.html">' in linked[0]
         script = (ROOT / "tools" / "docs.sh").read_text(encoding="utf-8")
         assert name in script
+
+
+def test_a_readme_is_a_page_with_links_from_there(conf):
+    source = ["stub"]
+    conf.show_readme(None, "unmodeled", source)
+    conf.name_files_of_the_repository(None, "unmodeled", source)
+    assert source[0].startswith("# unmodeled")
+    assert "](howto/first_answer.md)" in source[0]
+    assert "](img/" in source[0]
+    assert "](../" not in source[0]
+    other = ["[what it is](../../unmodeled/README.md#ten-lines)"]
+    conf.name_files_of_the_repository(None, "howto/index", other)
+    assert other == ["[what it is](../unmodeled.md#ten-lines)"]

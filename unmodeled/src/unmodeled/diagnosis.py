@@ -16,6 +16,8 @@ from unmodeled.fit.measured import untested
 from unmodeled.fit.model import Effect, Model
 from unmodeled.fit.observe import excited
 from unmodeled.library.defaults import chosen_effects
+from unmodeled.pictures.laws import laws
+from unmodeled.pictures.motions import motions_of
 from unmodeled.report import Report, explained_model
 from unmodeled.report.case import Given
 from unmodeled.search.compare import compared, refuse
@@ -122,12 +124,23 @@ def diagnose(
             late = Reason.INTERRUPTED not in result.reasons
             least = 2.0 * options.seconds if late else time.monotonic() - began
             result = replace(result, needed=max(needed, least))
+        report = Report.of(result)
+        _add_pictures(report, searched)
         meter.stage("done")
-    report = Report.of(result)
     report.cached = ready.model.cached
     report.model = explained_model(ready.model, tested, result)
     report.case = Given(model, ready, tested, given, hold_out, options)
     return report
+
+
+def _add_pictures(report: Report, searched: Searched) -> None:
+    """Add the motions and the evidence of the changes."""
+    if searched.answer is None:
+        return
+    problem, alone, best = searched.answer
+    held_out = {o.record.name for o in searched.problem.held_out}
+    report.motions = motions_of(problem, alone, best, report.changes, held_out)
+    report.laws = laws(problem, best, report.changes)
 
 
 @contextmanager

@@ -15,11 +15,12 @@ from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
 from unmodeled.pictures.laws import law_of
 from unmodeled.pictures.motions import motions_of
 from unmodeled.report.figures import axis_unit, evidence, motion, raised
+from unmodeled.search.fit import fit_sets
 from unmodeled.search.linear import theta_at
-from unmodeled.search.problem import rms_of
+from unmodeled.search.problem import Member, rms_of
 from unmodeled.search.records import prepare, ready_records
 from unmodeled.search.result import Change
-from unmodeled.search.search import model_alone, search
+from unmodeled.search.search import model_alone, search, start_from
 
 from .conftest import spring_record
 from .models import MASS, NOMINAL, record, records
@@ -43,7 +44,8 @@ def law(effect, runs, model=NOMINAL):
     index = next(i for i, c in enumerate(problem.causes) if c.effect is effect)
     fitted = search(problem, Options()).sets[(index,)]
     size = effect.scale * fitted.point.x[len(problem.free)]
-    return law_of(problem, fitted, change_of(effect.name, size, effect.unit))
+    change = change_of(effect.name, size, effect.unit)
+    return law_of(problem, fitted, dataclasses.replace(change, subject=effect.about))
 
 
 def leaves(law):
@@ -95,6 +97,23 @@ def test_points_leave_a_wrong_law(rubbing, friction):
         if abs(x) < 0.04 and sd < 0.02
     ]  # fmt: skip
     assert np.median(slow) > 1.5 * abs(np.interp(0.04, line.x, line.y))
+
+
+def test_a_law_of_one_record_is_shown_beside_a_record_without_it():
+    runs = [record("without", 1.0, 3), record("with", 1.0, 4, dry=FRICTION)]
+    effect = dry_friction(MASS, scale=0.1, speed=0.3)
+    problem = prepare(ready_records(NOMINAL, runs), (effect,), (), Options())
+    index = next(i for i, c in enumerate(problem.causes)
+                 if c.effect is effect and c.scope.records == ("with",))  # fmt: skip
+    fitted = fit_sets(problem, [start_from(problem, (Member(index, effect.shapes[0]),),
+                                           model_alone(problem))])[0]  # fmt: skip
+    change = change_of(problem.causes[index].name, FRICTION, "N")
+    found = law_of(problem, fitted, dataclasses.replace(change, subject=effect.about))
+    rest, own = found.points
+    assert [p.label for p in found.points] == ["without", "with"]
+    assert np.median(np.abs(rest.y)) < 0.3 * FRICTION
+    assert np.median(np.abs(own.y)) == pytest.approx(FRICTION, rel=0.2)
+    assert np.abs(found.lines[0].y).max() == pytest.approx(FRICTION, rel=0.2)
 
 
 def test_hysteresis_is_a_loop_over_the_travel():
@@ -242,6 +261,8 @@ def test_few_points_keep_the_extremes():
         (3e-7, "1", 1e9, "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT NINE}"),
         (1e-4, "1/s", 1e6, "10\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT SIX} 1/s"),
         (2.0, "N", 1.0, "N"),
+        (1.8e3, "s", 1.0 / 60.0, "min"),
+        (90_000.0, "s", 1.0 / 3600.0, "h"),
         (0.0, "N", 1.0, "N"),
     ],
 )
@@ -253,6 +274,7 @@ def test_axes_have_units_with_few_digits(most, unit, factor, name):
 
 def test_powers_of_units_are_raised():
     two, minus = "\N{SUPERSCRIPT TWO}", "\N{SUPERSCRIPT MINUS}"
+    assert raised("degC s") == "\N{DEGREE SIGN}C s"
     assert raised("N s^2/m^-2") == f"N s{two}/m{minus}{two}"
 
 

@@ -102,3 +102,57 @@ def test_scopes_are_single_records_and_runs_from_an_end():
     assert scopes_of(1) == []
     assert scopes_of(2) == [{0}, {1}]
     assert scopes_of(4) == [{0}, {1}, {2}, {3}, {0, 1}, {0, 1, 2}, {1, 2, 3}, {2, 3}]
+
+
+def two_joints(late_inputs=0, late_sensors=0):
+    """Two first-order drives with an input each; the arguments are in samples."""
+    rng, time, records = np.random.default_rng(3), np.arange(0.0, 2.0, 0.01), []
+    for k in range(3):
+        drive = np.sin(np.outer([5.0 + k, 7.0 - k], time))
+        drive = drive if late_sensors else np.sign(drive)
+        held = np.concatenate(
+            [np.repeat(drive[:, :1], late_inputs, 1), drive[:, : time.size - late_inputs]], axis=1
+        )
+        x, path = np.zeros(2), []
+        for u in held.T:
+            path.append(x)
+            x = u + (x - u) * np.exp(-0.01 / 0.1)
+        seen = np.array(path)
+        seen = np.concatenate([np.zeros((late_sensors, 2)), seen[: time.size - late_sensors]])
+        seen = seen + 1e-3 * rng.standard_normal(seen.shape)
+        sensors = {n: Sensor(name=n, unit="V", sigma=1e-3) for n in ("a", "b")}
+        inputs = dict(zip(("u", "w"), drive, strict=True))
+        outputs = dict(zip(("a", "b"), seen.T, strict=True))
+        records.append(
+            Record(name=f"r{k}", time=time, inputs=inputs, outputs=outputs, sensors=sensors)
+        )
+    drives = Equations(
+        lambda t, x, u, p: ((u.u - x.a) / p.tau, (u.w - x.b) / p.tau),
+        states={"a": (0.0, 1e-3, "V"), "b": (0.0, 1e-3, "V")},
+        parameters={"tau": (0.1, 0.003, "s")},
+        hold="zero",
+        inputs={"u": "V", "w": "V"},
+        outputs={"a": "a", "b": "b"},
+    )
+    return drives.diagnose(records, effects=["delay of *", "gain of *"])
+
+
+def test_one_delay_of_all_inputs_is_one_number():
+    report = two_joints(late_inputs=3)
+    (cause,) = [n for n in told(report) if n.subject.kind == "input"]
+    assert cause.subject.scope.channels == ("u", "w")
+    assert cause.magnitude == pytest.approx(-0.03, abs=1e-3)
+    assert "ll inputs act " in report.summary()
+    assert "later than recorded" in report.summary()
+
+
+def test_one_delay_of_all_sensors_is_one_number():
+    report = two_joints(late_sensors=3)
+    cause = next(n for n in told(report) if n.subject.kind == "sensor")
+    assert cause.cause == "delay of all sensors"
+    assert cause.magnitude == pytest.approx(0.03, abs=1e-3)
+    assert "ll sensors are " in report.summary() + report.text(300)
+
+
+def test_drives_that_are_right_are_not_late():
+    assert not told(two_joints())

@@ -162,31 +162,34 @@ class Link:
     fault: Fault
     channels: Sequence[int] | None = None
     """Indices; None: all channels."""
+    own: Sequence[Fault] = ()
+    """The fault of each of these channels, if they differ."""
 
     def __call__(self, run: Run, outputs: Array, sizes: Array, shape: Any = None) -> Array:
         """Readings, (B, n, ny), for the sizes of B jobs."""
         out = outputs.copy()
         for size in np.unique(sizes[sizes != 0.0]):
             rows = np.flatnonzero(sizes == size)
-            for c in self._places(outputs):
-                out[rows, :, c] = self.fault.act(run, outputs[rows, :, c], float(size), shape)
+            for c, fault in self._places(outputs):
+                out[rows, :, c] = fault.act(run, outputs[rows, :, c], float(size), shape)
         return out
 
-    def _places(self, outputs: Array) -> Sequence[int]:
-        return range(outputs.shape[-1]) if self.channels is None else self.channels
+    def _places(self, outputs: Array) -> list[tuple[int, Fault]]:
+        channels = range(outputs.shape[-1]) if self.channels is None else self.channels
+        return [*zip(channels, self.own or [self.fault] * len(channels), strict=True)]
 
     def by_size(self, run: Run, outputs: Array, size: float, shape: Any) -> Array:
         """Derivative of the readings by the size, (n, ny)."""
         out = np.zeros_like(outputs)
-        for c in self._places(outputs):
-            out[:, c] = self.fault.by_size(run, outputs[None, :, c], size, shape)[0]
+        for c, fault in self._places(outputs):
+            out[:, c] = fault.by_size(run, outputs[None, :, c], size, shape)[0]
         return out
 
     def push(self, run: Run, outputs: Array, size: float, shape: Any, columns: Array) -> Array:
         """Derivatives of the readings, (n, ny, k), from those of the outputs."""
         out = columns.copy()
-        for c in self._places(outputs) if size != 0.0 and columns.shape[-1] else ():
-            own = self.fault.push(run, outputs[None, :, c], size, shape, columns[:, c].T)
+        for c, fault in self._places(outputs) if size != 0.0 and columns.shape[-1] else ():
+            own = fault.push(run, outputs[None, :, c], size, shape, columns[:, c].T)
             out[:, c] = own.T
         return out
 

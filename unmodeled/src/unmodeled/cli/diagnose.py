@@ -47,6 +47,7 @@ from unmodeled.cli.screen import (
     is_terminal,
     print_json,
     redraw,
+    save_figure,
     save_text,
     say,
     say_written,
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
 
 #: Endings of files for a remedy; another name is that of a folder. Lines of a difference.
 REMEDIES = (".toml", ".xml")
+PICTURES = (".png", ".pdf", ".svg")
 DIFF = 60
 
 CREDIBILITY = {"type": Number(0.5, 1, max_open=True)}
@@ -84,7 +86,8 @@ def run(
     hold_out: tuple[str, ...] = HOLD_OUT,
     out: Path | None = option(
         "Folder for the report, the remedy, and what unmodeled verify needs; or a file for the "
-        "remedy: the numbers (TOML), a MuJoCo model (XML).",
+        "remedy: the numbers (TOML), a MuJoCo model (XML); or a picture of motions and evidence: "
+        ".png, .pdf or .svg.",
         metavar="NAME",
     ),
     stated: StatedOptions = STATED,
@@ -127,7 +130,9 @@ def run(
     from unmodeled.search.result import Reason
 
     loaded = running.of(load_named(model, settings, stated=stated))
-    folder, remedy = _places(out, loaded, force=force)
+    picture = out if out is not None and out.suffix.lower() in PICTURES else None
+    check_targets(pictures=[picture], force=force)
+    folder, remedy = _places(None if picture else out, loaded, force=force)
     groups = loaded.read_each(data, reading)
     records = tuple(r for group in groups for r in group)
     if include or measured is not None or not loaded.default:
@@ -155,6 +160,7 @@ def run(
         title = f"{loaded.model.name}: diagnosis"
         say_written(report.write(folder, title=title, force=force))
     _remedy(report, remedy, alone=folder is None, force=force)
+    save_figure(picture, lambda: report.plot("answer"), force=force)
     if Reason.INTERRUPTED in report.reasons:
         click.get_current_context().exit(130)
 

@@ -29,6 +29,7 @@ import numpy as np
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.runs import StoredRuns
+from unmodeled.fit.tape import NotTraceable
 
 
 @contextmanager
@@ -45,7 +46,7 @@ def calling(what: str) -> Iterator[None]:
         yield
     except Error:
         raise
-    except Exception as error:
+    except (Exception, NotTraceable) as error:
         raise InvalidParameter(f"{what} raises {explained(error)}") from error
 
 

@@ -51,6 +51,7 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
+from unmodeled.fit.tape import NotTraceable
 from unmodeled.fit.traces import Key, System, Traces, Untrue, arguments, untraced
 from unmodeled.units import same_unit, to_si
 
@@ -265,7 +266,7 @@ class Equations(Model):
         if self._resolved:
             return Ready(self, tuple(records))
         self._check_rates(records)
-        assumed = in_si(self, self._function, records)
+        in_si(self, self._function, records)
         self._traces.points = None  # those of all records
         try:
             self._check_inputs(records)
@@ -277,7 +278,7 @@ class Equations(Model):
         except Error:  # the first simulation of the user reports it better
             return Ready(self, tuple(records))
         out._resolved = True
-        notes += [*self._converted, *assumed, *sizes]
+        notes += [*self._converted, *sizes]
         notes += self._inferred * list(self._about_coordinates())
         parts = {part.name: part for c in self.coordinates for part in c.parts}
         notes += [text for part in parts.values() if (text := part.without_inertia)]
@@ -325,7 +326,7 @@ class Equations(Model):
                 with np.errstate(all="ignore"):
                     rates = tuple(self._rates(record.time[0], Named(x), Named(u), Named(p)))
                 bad = [n for n, v in zip(x, rates, strict=True) if not np.isfinite(v)]
-            except Exception:  # a simulation reports it
+            except (Exception, NotTraceable):  # a simulation reports it
                 return
             if not bad:
                 return
@@ -792,7 +793,10 @@ def trial(
         if len(base) != len(states):
             raise ValueError  # as below
         heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
-    except Exception:  # a rate that needs other values; the first simulation reports its faults
+    except (
+        Exception,
+        NotTraceable,
+    ):  # it needs other values; a simulation tells
         return Trial(tuple(values_of(u)))
     if len(base) != len(states):
         raise InvalidParameter(
@@ -827,7 +831,7 @@ def trial(
     try:
         tabulated = Slopes(by_name, x, {q.name: np.full(POINTS, q.value) for q in parameters})
         coupled = couplings_in(found, tabulated, Slopes(by_name, x, p), masses)
-    except Exception:  # as above
+    except (Exception, NotTraceable):  # as above
         coupled = Found()
     return Trial(tuple(values_of(u)), tuple(found), coupled)
 

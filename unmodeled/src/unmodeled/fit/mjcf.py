@@ -16,7 +16,8 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
 from unmodeled.files import write_text
 from unmodeled.fit.calling import Run
-from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload
+from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload, probe
+from unmodeled.fit.mjcf_linear import columns_of
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.mjcf_start import (
@@ -35,15 +36,20 @@ from unmodeled.fit.model import (
     Effect,
     Origin,
     Ready,
+    Sensitivity,
+    SensitivityRequest,
     State,
+    difference_sensitivities,
     start_in,
 )
-from unmodeled.fit.priors import Bounds, Priors, Unknowns
+from unmodeled.fit.priors import Bounds, Priors, Unknowns, share_of, sized, wanted_change
 from unmodeled.fit.simulator import Simulator
 
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.
 STEP_ERROR, OF_SPREAD = 0.3, 0.01
+#: Derivatives by fewer numbers are faster by runs.
+FEW = 8
 
 
 class MujocoModel(Simulator):
@@ -51,6 +57,7 @@ class MujocoModel(Simulator):
 
     mjcf: Mjcf
     """The function, which makes changed models with ``mjcf.patched``."""
+    _tested = False
     _starts: tuple[State, ...] = ()
 
     def matched(self, records: Sequence[Record]) -> Ready:
@@ -82,16 +89,44 @@ class MujocoModel(Simulator):
             return super().ready(records)
         names = {n for r in records for n in r.outputs}
         joints = measured_joints(self.mjcf.model, [n for n in self.outputs if n in names])
-        if self.mjcf.key or self.mjcf.settle or not joints:
-            ready = super().ready(records)
-            return replace(ready, notes=(*ready.notes, *self._time_step(records[0])))
-        known = poses(self.mjcf.model, [j + k for j in joints for k in (POSITION, VELOCITY)])
-        measured = [starts_of(r, joints) for r in records]
-        model = self._in_pose(known, joints, records, nearest(measured, known))
+        model = self
+        if joints and not (self.mjcf.key or self.mjcf.settle):
+            known = poses(self.mjcf.model, [j + k for j in joints for k in (POSITION, VELOCITY)])
+            key = nearest([starts_of(r, joints) for r in records], known)
+            model = self._in_pose(known, joints, records, key)
         ready = super(MujocoModel, model).ready(records)
-        begun, moved = begun_records(ready.model, ready.records, joints, measured)
-        told = (*model._told(moved, joints), *ready.notes, *model._time_step(begun[0]))
-        return replace(ready, records=begun, notes=told)
+        return replace(ready, notes=(*ready.notes, *model._time_step(ready.records[0])))
+
+    def _begun(self, records: Sequence[Record]) -> tuple[Sequence[Record], list[str]]:
+        if not self._starts:
+            return records, []
+        joints = measured_joints(self.mjcf.model, [n for r in records for n in r.outputs])
+        measured = [starts_of(r, joints) for r in records]
+        begun, moved = begun_records(self, records, joints, measured)
+        return begun, self._told(moved, joints)
+
+    def _sized(self, records: Sequence[Record]) -> tuple[tuple[Effect, ...], list[str]]:
+        """Sizes follow from the derivatives along the motion, without trials."""
+        record, _, unit, goal = wanted_change(self, records)
+        known, values = self.mjcf.properties, self._point([p.value for p in self.parameters])
+        steps = {n: probe(self.mjcf.model, n, known[n].value) for n in self._unsized}
+        steps = {n: v for n, v in steps.items() if v}
+        changes = [[({n: values[n] + v}, 1.0 / v)] for n, v in steps.items()]
+        found = columns_of(self.mjcf, self._run(record, values), changes, (), (), self.outputs)
+        if found is None:
+            return super()._sized(records)
+        sizes, notes = {}, []
+        for name, column in zip(steps, np.moveaxis(found, 2, 0), strict=True):
+            if (share := share_of(column, unit)) > 0.0:
+                sizes[name] = float(f"{goal / share:.2g}")
+        told = ", ".join(f"{n} {v:g} {known[n].unit}" for n, v in sizes.items())
+        if told:
+            notes = [f"expected sizes, from their influence on record {record.name}: {told}"]
+        effects = tuple(
+            replace(e, scale=sizes[e.name]) if e.name in sizes else e for e in self.effects
+        )
+        others, more = sized(self, effects, self._unsized - sizes.keys(), records)
+        return others, [*notes, *more]
 
     def _in_pose(
         self,
@@ -117,15 +152,15 @@ class MujocoModel(Simulator):
         )
         return out
 
-    def _told(self, moved: Sequence[str], joints: Iterable[str]) -> tuple[str, ...]:
+    def _told(self, moved: Sequence[str], joints: Iterable[str]) -> list[str]:
         """A note about the starts. ``moved``: records that do not start in the pose."""
         pose = f"keyframe {self.mjcf.key}" if self.mjcf.key else "the pose of the file"
         if not moved:
-            return (f"model {self.name}: its runs start in {pose}",) if self.mjcf.key else ()
-        return (
-            f"model {self.name}: {shortened(', '.join(moved), 100)} starts where its first samples "
-            f"are, position and rate of {', '.join(joints)}; all else as in {pose}",
-        )
+            return [f"its runs start in {pose}"] if self.mjcf.key else []
+        return [
+            f"{shortened(', '.join(moved), 100)} starts where its first samples are, position and "
+            f"rate of {', '.join(joints)}; all else as in {pose}"
+        ]
 
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
         """Positions and rates of the measured joints at the start of a run."""
@@ -164,6 +199,74 @@ class MujocoModel(Simulator):
                 f"model {self.name}: half its time step changes {', '.join(found)}: {step:.4g} s "
                 "is a long step, whose error may be taken for a cause"
             )
+
+    def sensitivities(self, requests: Sequence[SensitivityRequest]) -> list[Sensitivity]:
+        """See :class:`~unmodeled.fit.Model`: rough ones along the motion, others by runs."""
+        for request in requests:
+            request.check(self)
+        found = {i: s for i, r in enumerate(requests) if (s := self._along(r)) is not None}
+        others = [r for i, r in enumerate(requests) if i not in found]
+        left = iter(difference_sensitivities(self, others))
+        return [found[i] if i in found else next(left) for i in range(len(requests))]
+
+    def _along(self, request: SensitivityRequest) -> Sensitivity | None:
+        """Derivatives along the motion; None: they are to be those of runs."""
+        if not request.rough or request.shape_changes:
+            return None
+        point = np.concatenate([request.theta, request.sizes])
+        values = self._values(point, request.included)
+        base = self.mjcf.structure(self.mjcf.changed(values))
+        by_runs, changes, places = [], [], []
+
+        def add(name: str, offsets: Sequence[tuple[float, float]]) -> bool:
+            """Whether the structure of the model stays."""
+            moved = [({name: values[name] + o}, w) for o, w in offsets]
+            own = [self.mjcf.structure(self.mjcf.changed({**values, **m})) for m, _ in moved]
+            if any(s is not base for s in own):
+                return False
+            changes.append(moved)
+            return True
+
+        for i in request.parameters_of(self):
+            if not add(self.parameters[i].name, self._offsets(self.parameters[i], point[i])):
+                return None
+        for c, size in zip(request.included, request.sizes, strict=True):
+            if not add(str(c.effect.data), self._offsets(c.effect, float(size))):
+                return None
+        first = len(changes)
+        for k, c in enumerate(request.candidates):
+            if add(str(c.effect.data), self._offsets(c.effect, 0.0)):
+                places.append(k)
+            else:
+                by_runs.append(k)
+        starts = [s.name for s in self._starts] if request.by_starts else []
+        if len(changes) + len(request.input_changes) < FEW:
+            return None
+        run = self._run(request.record, values, request.start)
+        found = columns_of(self.mjcf, run, changes, starts, request.input_changes, self.outputs)
+        if found is None:
+            return None
+        (outputs,) = self._runner.values([run])
+        by_candidate = np.zeros((*outputs.shape, len(request.candidates)))
+        own = len(request.parameters_of(self)), first, len(changes), len(changes) + len(starts)
+        by_candidate[..., places] = found[..., own[1] : own[2]]
+        if by_runs:
+            some = replace(
+                request,
+                by_theta=(),
+                by_starts=False,
+                candidates=tuple(request.candidates[k] for k in by_runs),
+                input_changes=(),
+            )
+            by_candidate[..., by_runs] = difference_sensitivities(self, [some])[0].d_candidates
+        return Sensitivity(
+            outputs=outputs,
+            d_theta=found[..., : own[0]],
+            d_magnitudes=found[..., own[0] : own[1]],
+            d_starts=found[..., own[2] : own[3]],
+            d_candidates=by_candidate,
+            d_inputs=found[..., own[3] :],
+        )
 
     @property
     def text(self) -> str:

@@ -76,6 +76,8 @@ class Kind:
     signed: bool = False
     moves: bool = False
     """Whether it moves a center of mass away from its joint."""
+    steady: bool = False
+    """Whether its force changes as slowly as the motion."""
 
 
 @dataclass(frozen=True)
@@ -166,13 +168,13 @@ def _tilt(axis: int) -> Setter:
 
 JOINT = {
     "damping": Kind(("N s/m", "N m s/rad"), _field("dof_damping", "dof"),
-                    "A force in proportion to the speed opposes the motion."),
+                    "A force in proportion to the speed opposes the motion.", steady=True),
     "frictionloss": Kind(("N", "N m"), _field("dof_frictionloss", "dof"),
-                         "A force of constant magnitude opposes the motion."),
+                         "A force of constant magnitude opposes the motion.", steady=True),
     "armature": Kind(("kg", "kg m^2"), _field("dof_armature", "dof"),
                      "The rotor has an inertia of its own.", inertial=True),
     "stiffness": Kind(("N/m", "N m/rad"), _field("jnt_stiffness", "joint"),
-                      "A spring acts on the joint."),
+                      "A spring acts on the joint.", steady=True),
     "backlash": Kind(("m", "rad"), _clearance, "The gear has a clearance of twice this size."),
 }  # fmt: skip
 
@@ -208,7 +210,7 @@ BODY = {
     **_places("payload", "body_ipos", "body", "The attached mass"),
 }  # fmt: skip
 TILT = {
-    f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True)
+    f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True, steady=True)
     for i, a in enumerate(AXES)
 }
 
@@ -398,6 +400,21 @@ def controls(model: Any) -> dict[str, int]:
         for i in range(model.nactuator)
         if (name := model.actuator(i).name)
     }
+
+
+def probe(model: Any, name: str, value: float) -> float:
+    """A small change of a property, whose action is in proportion to it; 0: none is known."""
+    owner, _, what = name.rpartition(".")
+    step = float(model.opt.timestep)
+    if owner == "gravity":
+        return 1e-4
+    if what in JOINT and what != "backlash":
+        inertia = float(model.dof_M0[model.joint(owner).dofadr[0]])
+        return 1e-3 * inertia / (1.0 if what == "armature" else step)
+    if what in ("payload", "mass"):
+        return 1e-3 * float(model.body_subtreemass[1:].max())
+    # A largest force may act nowhere, or at once.
+    return 1e-3 * abs(value) if what in ACTUATOR and what != "force" else 0.0
 
 
 def joints_of(model: Any) -> tuple[Joint, ...]:

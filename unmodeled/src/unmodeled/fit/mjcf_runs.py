@@ -54,7 +54,7 @@ class _Structure:
             return model, import_mujoco().MjData(model)
 
 
-class _Player:
+class Player:
     """Steps of one run, from the state of its data."""
 
     def __init__(self, model: Any, data: Any, stop: threading.Event):
@@ -183,7 +183,8 @@ class Mjcf:
 
     # ------------------------------------------------------------------------------------ changes
 
-    def _changed(self, values: Mapping[str, float]) -> dict[str, float]:
+    def changed(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Properties that differ from those of the file."""
         known = self.properties  # other names are start states
         return {n: v for n, v in values.items() if n in known and v != known[n].value}
 
@@ -193,7 +194,7 @@ class Mjcf:
         ``values``: also ``ACTUATOR.delay`` [s].
         """
         late = {n: v for n, v in values.items() if n.endswith(".delay")}
-        changed = self._changed({n: v for n, v in values.items() if n not in late})
+        changed = self.changed({n: v for n, v in values.items() if n not in late})
         spec = self.spec.copy()
         for name, value in late.items():
             actuator = spec.actuator(name.removesuffix(".delay"))
@@ -211,7 +212,7 @@ class Mjcf:
             raise InvalidParameter(f"{self.path}: is no MJCF with {told}: {error}") from None
         return spec
 
-    def _structure(self, changed: Mapping[str, float]) -> _Structure:
+    def structure(self, changed: Mapping[str, float]) -> _Structure:
         """The compiled model for changed properties, without what is only seen."""
         slack, bodies = _slack(changed), set()
         for name in changed:
@@ -257,8 +258,8 @@ class Mjcf:
         ``workers``: number of threads; None: number of cores.
         """
         stop = threading.Event()
-        changes = [self._changed(run.parameters) for run in runs]
-        jobs = [(self._structure(c), r, c, stop) for c, r in zip(changes, runs, strict=True)]
+        changes = [self.changed(run.parameters) for run in runs]
+        jobs = [(self.structure(c), r, c, stop) for c, r in zip(changes, runs, strict=True)]
         steps = sum((r.time[-1] - r.time[0]) / self.model.opt.timestep for r in runs)
         count = min(
             workers or cores(), len(jobs) or 1, 1 + int(steps * self.parts / WORTH_A_THREAD)
@@ -282,22 +283,12 @@ class Mjcf:
         self, structure: _Structure, run: Run, changed: Mapping[str, float], stop: threading.Event
     ) -> dict[str, Array]:
         """Outputs of a run."""
-        mj = import_mujoco()
-        model, data = structure.copy()
-        set_properties(model, changed, self.properties)
-        inertial = any(self.properties[n].kind.inertial for n in changed)
-        if inertial:
-            mj.mj_setConst(model, data)
-        if self.key:
-            mj.mj_resetDataKeyframe(model, data, model.key(self.key).id)
-        else:
-            mj.mj_resetData(model, data)
-        set_starts(model, data, {n: v for n, v in run.parameters.items()
-                                 if n not in self.properties})  # fmt: skip
+        model, data = prepared(self, structure, run, changed)
         seen = np.empty((run.time.size, model.nq + model.nv + model.nsensordata))
         if not self._play(model, data, run, seen, stop):
             seen[:] = np.nan  # unstable: MuJoCo has started again from the reference pose
-        if not inertial:  # else other fields have changed as well
+        # Properties with influence on other fields leave the copy changed.
+        if not any(self.properties[n].kind.inertial for n in changed):
             for field in CHANGED:
                 getattr(model, field)[:] = getattr(structure.model, field)
             model.opt.gravity[:] = structure.model.opt.gravity
@@ -309,7 +300,7 @@ class Mjcf:
 
         A sample has the inputs of its time: readings are those of the step that begins there.
         """
-        player, time = _Player(model, data, stop), run.time
+        player, time = Player(model, data, stop), run.time
         base, moving = float(self.model.opt.timestep), model.nq + model.nv
         table = np.repeat(data.ctrl[None], time.size, axis=0)
         for name, column in controls(model).items():
@@ -354,6 +345,24 @@ class Mjcf:
         if not 0.999 * span < count * base < 1.001 * span:
             count = int(np.ceil(span / base))
         return count * self.parts
+
+
+def prepared(
+    function: Mjcf, structure: _Structure, run: Run, changed: Mapping[str, float]
+) -> tuple[Any, Any]:
+    """A model with changed properties, and its data at the start of a run."""
+    mj = import_mujoco()
+    model, data = structure.copy()
+    set_properties(model, changed, function.properties)
+    if any(function.properties[n].kind.inertial for n in changed):
+        mj.mj_setConst(model, data)
+    if function.key:
+        mj.mj_resetDataKeyframe(model, data, model.key(function.key).id)
+    else:
+        mj.mj_resetData(model, data)
+    states = {n: v for n, v in run.parameters.items() if n not in function.properties}
+    set_starts(model, data, states)
+    return model, data
 
 
 def _slack(changed: Mapping[str, float]) -> list[str]:

@@ -397,12 +397,7 @@ def sized(
     """
     if not which:
         return tuple(effects), []
-    record = max(records, key=lambda r: _motion(r, model.outputs))
-    base = np.asarray(model.simulate(record, prior_jobs(model, record))[0])
-    measured = record.output_array(model.outputs)
-    spread = [float(np.std(y[np.isfinite(y)])) if np.isfinite(y).any() else 0.0 for y in measured.T]
-    unit = np.where(np.array(spread) > 0.0, spread, np.maximum(np.std(base, axis=0), 1e-300))
-    goal = min(max(_share(measured - base, unit), LEAST), MOST)
+    record, base, unit, goal = wanted_change(model, records)
     chosen = [e for e in effects if e.name in which]
     found = _in_step(
         model,
@@ -411,6 +406,20 @@ def sized(
     )
     by_name = {e.name: e for e, _ in found}
     return tuple(by_name.get(e.name, e) for e in effects), [note for _, note in found]
+
+
+def wanted_change(model: Model, records: Sequence[Record]) -> tuple[Record, Array, Array, float]:
+    """The record that moves most, the model in it, and the change that an expected size makes.
+
+    The change is a share of the motion in the channel that changes most; ``unit``: the motion of
+    each output.
+    """
+    record = max(records, key=lambda r: _motion(r, model.outputs))
+    base = np.asarray(model.simulate(record, prior_jobs(model, record))[0])
+    measured = record.output_array(model.outputs)
+    spread = [float(np.std(y[np.isfinite(y)])) if np.isfinite(y).any() else 0.0 for y in measured.T]
+    unit = np.where(np.array(spread) > 0.0, spread, np.maximum(np.std(base, axis=0), 1e-300))
+    return record, base, unit, min(max(share_of(measured - base, unit), LEAST), MOST)
 
 
 #: The search for a size, which yields those of its runs and gets their outputs; None: a run failed.
@@ -447,7 +456,7 @@ def _motion(record: Record, names: Sequence[str]) -> float:
     return sum(float(np.nanvar(record.outputs[n])) for n in names if n in record.outputs)
 
 
-def _share(change: Array, unit: Array) -> float:
+def share_of(change: Array, unit: Array) -> float:
     """Rms of a change in the channel that changes most, as a share of its motion."""
     squares = np.where(np.isfinite(change), change / unit, 0.0) ** 2
     return float(np.sqrt(squares.mean(axis=0).max(initial=0.0)))
@@ -475,9 +484,9 @@ def _with_size(
     why = ""
     if low < 0.0 < high:
         other = yield min(max(-side * size, low), high)
-        if other is None or _share(other - base, unit) < NONE:
+        if other is None or share_of(other - base, unit) < NONE:
             why = "fails" if other is None else "has no influence"
-        elif _share(other - best, unit) < NONE:
+        elif share_of(other - best, unit) < NONE:
             why = "acts alike"
     if why:
         effect = replace(effect, sign=1 if side > 0.0 else -1)
@@ -503,7 +512,7 @@ def _search(
     at, distance = 0.0, math.inf
     for _ in range(TRIALS):
         y = yield min(max(side * size, low), high)
-        share = math.nan if y is None else _share(y - base, unit)
+        share = math.nan if y is None else share_of(y - base, unit)
         if y is not None and share > NONE:
             far = abs(math.log(share / goal))
             if far < distance:

@@ -46,6 +46,8 @@ from unmodeled.units import same_unit
 #: Steps that are tried for a parameter; spacing of the values from which the noise of the function
 #: is estimated, as shares of the scales; number of spacings.
 TRIAL, SPACING, SPACINGS = 0.1, 1e-3, 6
+#: Shares of the scales that are steps without a trial; the largest one is central.
+UNTESTED = 0.01, 0.1
 #: Numerical noise below this share of the noise of a sensor has no influence on a result.
 NO_MATTER = 1e-3
 #: Duration of a run [s] above which processes are faster.
@@ -164,6 +166,8 @@ class Simulator(Model):
     function: Callable[..., Mapping[str, Any]]
     """The simulator."""
 
+    #: Whether steps of derivatives are tested by trials.
+    _tested = True
     #: Parameters whose first change switches something on: they tell no noise of the function.
     _jumps: frozenset[str] = frozenset()
 
@@ -328,6 +332,7 @@ class Simulator(Model):
         prior = self._point([p.value for p in self.parameters])
         first = self._run(records[0], prior)
         seconds, again = runner.first(first)
+        records, begun = self._begun(records)
         workers = self._means.workers
         if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
             runner.start()
@@ -335,11 +340,19 @@ class Simulator(Model):
         out, sizes, notes = copy.copy(self), list[str](), list[str]()
         if self._varied:
             with runner.trying():
-                out.effects, sizes = sized(self, self.effects, self._unsized, records)
+                out.effects, sizes = self._sized(records)
             out._steps, notes = out._chosen_steps(records[0], again)
         out._ready = True
-        notes += [*self._converted, *assumed, *sizes, *runner.notices]
+        notes += [*self._converted, *assumed, *begun, *sizes, *runner.notices]
         return Ready(out, tuple(records), tuple(f"model {self.name}: {n}" for n in notes))
+
+    def _begun(self, records: Sequence[Record]) -> tuple[Sequence[Record], list[str]]:
+        """The records with the starts of their runs, and notes about these."""
+        return records, []
+
+    def _sized(self, records: Sequence[Record]) -> tuple[tuple[Effect, ...], list[str]]:
+        """The effects with their expected sizes, and notes about these."""
+        return sized(self, self.effects, self._unsized, records)
 
     def _point(self, theta: Sequence[float] | Array) -> dict[str, float]:
         """All parameters of the function, with the values without unknown effects."""
@@ -376,17 +389,19 @@ class Simulator(Model):
             if v.name not in self._jumps
         }
         runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
-        runs += [moved({v.name: o}) for v in rows for o in v.trials]
+        tested = rows if self._tested else []
+        runs += [moved({v.name: o}) for v in tested for o in v.trials]
         seen = self._runner.values(runs)
         base = seen[0]
         unit = spread_of(base)
         jitter = float(np.sqrt(np.mean(((repeated - base) / unit) ** 2))) / math.sqrt(2.0)
         along = np.array([s / unit for s in seen[: SPACINGS + 1]])
         noise = max(noise_of_function(along), jitter)
-        steps: dict[str, Step] = {}
         dead = []
         pairs = iter(seen[SPACINGS + 1 :])
-        for v in rows:
+        share = float(np.clip(2.0 * math.sqrt(noise), *UNTESTED))
+        steps = {v.name: Step(share * v.size, share == UNTESTED[1]) for v in rows}
+        for v in tested:
             near, far = next(pairs), next(pairs)
             one, other = v.trials
             both = other == -one

@@ -16,6 +16,8 @@ class Scope:
 
     each: bool = False
     """Whether every record has a size of its own."""
+    channels: tuple[str, ...] = ()
+    """Names of the inputs or sensors that have it together; (): one."""
     records: tuple[str, ...] = ()
     """Names of the records in which it acts, in their order; (): all."""
 

@@ -16,7 +16,7 @@ import numpy as np
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, shown
 from unmodeled.fit.calling import explained, line_of
-from unmodeled.fit.model import Candidate
+from unmodeled.fit.model import Candidate, Jobs
 from unmodeled.fit.tape import NotTraceable, Traced
 from unmodeled.fit.traces import Key, Part, System, Untrue, Values, has_state, keys_of
 
@@ -36,8 +36,8 @@ class Motion:
     """A simulated record."""
 
     record: Record
-    theta: Array
-    """(p,)"""
+    jobs: Jobs
+    """Jobs of the record; the first one is simulated."""
     states: Array
     """(n, nx)"""
 
@@ -57,11 +57,14 @@ def points_of(system: System, motions: Sequence[Motion]) -> dict[Key, Array]:
         on = np.array([signals[m][i] for m, i in places])
         measured = [m.record.outputs.get(shown_as.get(key[-1], "")) for m in motions]
         seen = [v for v in measured if v is not None and key[0] == "x"]
+        if key[0] in ("x", "p"):  # all jobs
+            place = (system.names if key[0] == "x" else system.parameters).index(key[1])
+            seen += [(m.jobs.starts if key[0] == "x" else m.jobs.theta)[:, place] for m in motions]
         box = _box(np.concatenate([*(s[g] for s, g in zip(signals, good, strict=True)), *seen]))
         out[key] = np.append(on, random.uniform(*box, POINTS - len(on)))
         if key in trial:  # a running maximum has seen the trial of the model
             size = (3.0 * max(map(abs, box)) + trial[key]) * random.uniform(1.0, 2.0, FAR)
-            out[key][-FAR:] = size * (random.choice([-1.0, 1.0], FAR) if box[0] < 0.0 else 1.0)
+            out[key][-FAR:] = size * random.choice([-1.0, 1.0], FAR)
     return out
 
 
@@ -82,7 +85,7 @@ def _signal(system: System, motion: Motion, key: Key) -> Array:
         return np.asarray(motion.states[:, system.names.index(key[1])])
     if key[0] == "u":
         return record.inputs[key[1]]
-    return np.full(n, motion.theta[system.parameters.index(key[1])])
+    return np.full(n, motion.jobs.theta[0, system.parameters.index(key[1])])
 
 
 def _box(values: Array) -> tuple[float, float]:

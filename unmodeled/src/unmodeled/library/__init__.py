@@ -41,6 +41,8 @@ from unmodeled.library.levels import (
 )
 from unmodeled.library.readings import (
     clock_rate,
+    for_all_inputs,
+    for_all_sensors,
     for_input,
     for_sensor,
     input_fault,
@@ -59,6 +61,8 @@ __all__ = [
     "dry_friction_asymmetry",
     "end_stop",
     "exchange",
+    "for_all_inputs",
+    "for_all_sensors",
     "for_coordinate",
     "for_force_balance",
     "for_input",

@@ -17,6 +17,8 @@ from unmodeled.fit.model import Effect, Model, State, prior_jobs
 from unmodeled.library import (
     constant_rate,
     exchange,
+    for_all_inputs,
+    for_all_sensors,
     for_coordinate,
     for_input,
     for_sensor,
@@ -132,6 +134,12 @@ def _all(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             widest = max(with_it, key=lambda r: float(np.ptp(r.inputs[name])))
             unit = model.units.get(name)
             yield from for_input(name, widest, unit=unit)
+    inputs = model.inputs or tuple(dict.fromkeys(n for r in records for n in r.inputs))
+    if together := [r for r in records if {*inputs} <= {*r.inputs}]:
+        yield from for_all_inputs(inputs, together[0])
+    shown = [n for n in model.outputs if any(n in r.outputs for r in records)]
+    if together := [r for r in records if {*shown} <= {*r.outputs}]:
+        yield from for_all_sensors(model.outputs, shown, together[0])
     for name in model.outputs:
         seen = [r for r in records if np.isfinite(r.outputs.get(name, np.nan)).any()]
         if seen:

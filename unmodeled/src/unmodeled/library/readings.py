@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from unmodeled.arguments import checked
 from unmodeled.chain import Fault, Link, Signal, fault_of, faults
 from unmodeled.data import Array, Record
 from unmodeled.fit import Effect
-from unmodeled.fit.subject import Subject, SubjectKind
+from unmodeled.fit.subject import Scope, Subject, SubjectKind
 
 
 @checked
@@ -99,6 +100,75 @@ def input_fault(
 
     kind = "force" if own.drive else "input"
     return _effect(own, signal, {"kind": kind, "excite": excite, **fields})
+
+
+#: Faults that several signals may have in one: of a bus or a clock, of equal drives or filters.
+TOGETHER = ("delay", "lag", "gain")
+
+
+def for_all_inputs(names: Sequence[str], record: Record) -> tuple[Effect, ...]:
+    """Errors that all inputs have with one size, scaled by a record; none of a single input.
+
+    Parameters
+    ----------
+    names
+        Names of the inputs.
+    record
+        Record from which typical magnitudes are taken.
+    """
+    if len(names) < 2:
+        return ()
+    every = [[input_fault(n, fault, record=record) for n in names] for fault in TOGETHER]
+    return tuple(_together(own, "input", excite=_excite_all(own)) for own in every)
+
+
+def for_all_sensors(
+    outputs: Sequence[str], names: Sequence[str], record: Record
+) -> tuple[Effect, ...]:
+    """Errors that all sensors have with one size, scaled by a record; none of a single sensor.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    names
+        Channels of the sensors.
+    record
+        Record from which typical magnitudes are taken.
+    """
+    if len(names) < 2:
+        return ()
+    every = [[sensor_fault(outputs, n, fault, record=record) for n in names] for fault in TOGETHER]
+    at = [list(outputs).index(n) for n in names]
+    faults = [[e.observe.fault for e in own if isinstance(e.observe, Link)] for own in every]
+    return tuple(
+        _together(own, "sensor", observe=Link(each[0], at, each))
+        for own, each in zip(every, faults, strict=True)
+    )
+
+
+def _excite_all(effects: Sequence[Effect]) -> Callable[..., Mapping[str, Array]]:
+    def excite(run: Record, size: float, shape: Any) -> Mapping[str, Array]:
+        found: dict[str, Array] = {}
+        for e in effects:
+            assert e.excite is not None
+            found |= e.excite(run, size, shape)
+        return found
+
+    return excite
+
+
+def _together(effects: Sequence[Effect], what: SubjectKind, **fields: Any) -> Effect:
+    """One effect for the same error of several signals."""
+    fault, place = effects[0].about.fault, f"all {what}s"
+    channels = tuple(e.about.channel for e in effects)
+    return replace(
+        effects[0],
+        name=f"{fault} of {place}",
+        component=place,
+        subject=Subject(what, fault, "", place, scope=Scope(channels=channels)),
+        **fields,
+    )
 
 
 def _effect(fault: Fault, signal: Signal, fields: Mapping[str, Any]) -> Effect:

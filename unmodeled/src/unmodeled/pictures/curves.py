@@ -108,6 +108,8 @@ class Motions:
     """Records by channel."""
     changes: tuple[str, ...] = ()
     """Names of the changes that may be left out."""
+    labels: tuple[str, ...] = ()
+    """These names for people."""
     alternatives: tuple[Alternative, ...] = ()
 
 

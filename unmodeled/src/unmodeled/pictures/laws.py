@@ -8,6 +8,7 @@ for a sensor the readings less those without its error. If the law is wrong, the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -40,14 +41,17 @@ from unmodeled.search.score import by_record, index_of
 RECORDS, INTERVALS, IN_EACH, CLOUD = 3, 12, 8, 300
 #: Standard deviation above which a point is not shown, as a share of the range of the law.
 UNSURE = 0.35
-#: Share of the variance that a function of a variable leaves up to which the law is one.
-FUNCTION = 0.05
+#: Share of the variance that a function of a variable leaves up to which the law is one, and from
+#: which it is shown by means.
+FUNCTION, SMOOTH = 0.05, 1e-3
 #: Number of fits of an action, each with the noise that the one before it leaves.
 ROUNDS = 3
 #: Amplitude of a force for a derivative, in the scale of its port.
 STEP = 1e-3
 #: Faults of sensors and inputs that are seen over time.
 OVER_TIME = ("delay", "lag", "clock")
+#: Length of the part that shows a delay, in delays, and its smallest number of samples.
+LATE, FEWEST = 20.0, 16
 #: Faults with a level, beyond or within which a signal is lost.
 LEVELS = ("saturation", "dead zone")
 
@@ -61,6 +65,8 @@ class _Path:
     """Force, or other action, at each sample, (n,)."""
     variables: Mapping[str, tuple[Array, str]]
     """What it may depend on by name: values, (n,), and unit."""
+    acts: bool = True
+    """Whether it acts in this record; else the values are zero."""
 
 
 def laws(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> tuple[Law, ...]:
@@ -94,11 +100,11 @@ def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
     without = _without(problem, fitted, index)
     if without is None:
         return None
-    if any(effect.name.startswith(fault) for fault in OVER_TIME):
+    if problem.causes[index].subject.fault in OVER_TIME:
         return _over_time(problem, fitted, change, without)
     if effect.observe is not None:
-        return _reading(problem, fitted, change, without)
-    chosen = _shown(fitted, without)
+        return _reading(problem, fitted, change, index, without)
+    chosen = _shown(problem, fitted, index, without)
     if effect.regressor is not None:
         return _output(problem, fitted, change, index, chosen)
     if effect.excite is not None:
@@ -106,7 +112,7 @@ def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
     place = _Place.of(problem, fitted, index, chosen) if effect.rate is not None else None
     if place is not None:
         return _force(problem, fitted, change, place)
-    return _likelihood(problem, fitted, change, index)
+    return _moved(problem, fitted, change, index, without)
 
 
 def _without(problem: Problem, fitted: Fitted, index: int) -> list[Linear] | None:
@@ -119,13 +125,20 @@ def _without(problem: Problem, fitted: Fitted, index: int) -> list[Linear] | Non
     return None if any(linear.failed for linear in found) else found
 
 
-def _shown(fitted: Fitted, without: Sequence[Linear]) -> list[int]:
-    """Records in which the effect is seen best, in their order."""
+def _shown(problem: Problem, fitted: Fitted, index: int, without: Sequence[Linear]) -> list[int]:
+    """Records in which an effect is seen best, in their order.
+
+    If it acts in some records, the first one in which it does not is among them: its points are
+    near zero.
+    """
     gains = [
         float((((a.residual - b.residual) / fitted.noise) ** 2).sum())
         for a, b in zip(without, fitted.linears, strict=True)
     ]
-    return sorted(np.argsort(gains)[::-1][:RECORDS].tolist())
+    acts = [problem.causes[index].acts_in(o) for o in problem.fit]
+    best = [r for r in np.argsort(gains)[::-1].tolist() if acts[r]]
+    quiet = [r for r, own in enumerate(acts) if not own][:1]
+    return sorted(best[: RECORDS - len(quiet)] + quiet)
 
 
 def _law(
@@ -156,7 +169,7 @@ def _by_records(change: Change) -> Law:
         Points(name, at[k : k + 1], np.array([v]), np.array([half]))
         for k, (name, v) in enumerate(zip(change.records, change.by_record, strict=True))
     ]
-    y = Axis(change.title.partition(" of ")[0], change.unit)
+    y = Axis(change.subject.fault or "size", change.unit)
     return _law(change, "records", Axis("record", ""), y, points, ())
 
 
@@ -165,16 +178,17 @@ def _likelihood(problem: Problem, fitted: Fitted, change: Change, index: int | N
     k = _unknown(problem, fitted, change, index)
     if k is None:
         return None
-    at = change.tabulated
-    value, sd = at + change.size, (change.high - change.low) / (2.0 * HALF)
+    shown = 100.0 if change.relative else 1.0
+    at, size = shown * change.tabulated, shown * change.size
+    value, sd = at + size, shown * (change.high - change.low) / (2.0 * HALF)
     if not sd > 0.0:
         return None
     own = fitted.point.x[k]
-    scale = change.size / own if own else 0.0
+    scale = size / own if own else 0.0
     values, covariance = by_record(problem, fitted, k)
     each = at + scale * values
     spread = abs(scale) * np.sqrt(np.maximum(np.diag(covariance), 0.0) / fitted.effective)
-    reach = max(4.0 * sd, 1.2 * abs(change.size))
+    reach = max(4.0 * sd, 1.2 * abs(size))
     grid = np.unique(np.append(np.linspace(value - reach, value + reach, 200),
                                value + sd * np.linspace(-4.0, 4.0, 81)))  # fmt: skip
     likelihood = np.exp(-0.5 * ((grid - value) / sd) ** 2)
@@ -185,7 +199,7 @@ def _likelihood(problem: Problem, fitted: Fitted, change: Change, index: int | N
     ]
     line = Line("likelihood", grid, likelihood, likelihood, likelihood)
     as_it_is = Line("as it is", np.full(2, at), np.array([0.0, 1.0]), np.zeros(2), np.ones(2))
-    x = Axis(_short(change.title), "1" if change.relative else change.unit)
+    x = Axis("value", "%" if change.relative else change.unit)
     return _law(change, "likelihood", x, Axis("likelihood", "1"), points, (line, as_it_is))
 
 
@@ -213,7 +227,8 @@ def _over_time(
     problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
 ) -> Law | None:
     """The part of a channel where a late signal differs most from one in time."""
-    r, c, part = _best_part(problem, fitted, without)
+    late = abs(change.size) if change.unit == "s" else math.inf
+    r, c, part = _best_part(problem, fitted, without, LATE * late)
     if r is None:
         return None
     o = problem.fit[r]
@@ -233,13 +248,14 @@ def _over_time(
 
 
 def _best_part(
-    problem: Problem, fitted: Fitted, without: Sequence[Linear]
+    problem: Problem, fitted: Fitted, without: Sequence[Linear], longest: float
 ) -> tuple[int | None, int, slice]:
-    """Record, channel and part in which an effect takes away most."""
+    """Record, channel and part in which an effect takes away most; ``longest``: its length [s]."""
     best, found = 0.0, (None, 0, slice(0, 0))
     for r, (o, a, b) in enumerate(zip(problem.fit, without, fitted.linears, strict=True)):
         gain = ((a.residual**2 - b.residual**2) / fitted.noise**2)[: o.end]
-        width = int(np.clip(o.end // 12, min(40, o.end), 400))
+        most = min(longest / o.record.interval, 400.0)
+        width = int(np.clip(min(o.end / 12, most), min(FEWEST, o.end), o.end))
         for c in range(gain.shape[1]):
             sums = np.convolve(gain[:, c], np.ones(width), "valid")
             at = int(np.argmax(sums))
@@ -254,30 +270,55 @@ def _few(points: Points) -> Points:
     return Points(points.label, points.x[every], points.y[every], points.sd[every])
 
 
-def _reading(
-    problem: Problem, fitted: Fitted, change: Change, without: Sequence[Linear]
-) -> Law | None:
-    """Error of a sensor against the value that it would show without this error."""
+def _channel(fitted: Fitted, without: Sequence[Linear]) -> int:
+    """The channel that an effect moves most, in its noise."""
     moved = [
-        ((a.residual - b.residual) ** 2).sum(axis=0)
+        (((a.residual - b.residual) / fitted.noise) ** 2).sum(axis=0)
         for a, b in zip(without, fitted.linears, strict=True)
     ]
-    c = int(np.argmax(np.sum(moved, axis=0)))
+    return int(np.argmax(np.sum(moved, axis=0)))
+
+
+def _moved(
+    problem: Problem, fitted: Fitted, change: Change, index: int, without: Sequence[Linear]
+) -> Law | None:
+    """What an effect inside a model without ports moves, against what the records ask for."""
+    c, points, reach = _channel(fitted, without), [], 0.0
+    for r in _shown(problem, fitted, index, without):
+        o = problem.fit[r]
+        good, sd = o.valid[:, c], o.sd[:, c]
+        asked = (without[r].residual[:, c] * sd)[good]
+        moves = asked - (fitted.linears[r].residual[:, c] * sd)[good]
+        points.append(_few(Points(o.record.name, moves, asked, np.zeros(asked.size))))
+        reach = max(reach, float(np.abs(moves).max(initial=0.0)))
+    ends = np.array([-reach, reach])
+    line = _scaled(change, "law", ends, ends)
+    name, unit = _short(problem.names[c]), problem.units[c]
+    axes = Axis(f"{name}, change predicted", unit), Axis(f"{name}, change measured", unit)
+    return _law(change, "law", *axes, points, [line]) if reach > 0.0 else None
+
+
+def _reading(
+    problem: Problem, fitted: Fitted, change: Change, index: int, without: Sequence[Linear]
+) -> Law | None:
+    """Error of a sensor against the value that it would show without this error."""
+    c = _channel(fitted, without)
     points, x, y = [], [], []
-    for r in _shown(fitted, without):
+    for r in _shown(problem, fitted, index, without):
         o = problem.fit[r]
         good, sd = o.valid[:, c], o.sd[:, c]
         error = without[r].residual[:, c] * sd
         truth = o.measured[:, c] - error
         law = error - fitted.linears[r].residual[:, c] * sd
         points.append(Points(o.record.name, truth[good], error[good], np.zeros(int(good.sum()))))
-        x.append(truth[good])
-        y.append(law[good])
+        if problem.causes[index].acts_in(o):
+            x.append(truth[good])
+            y.append(law[good])
     if not x or sum(map(len, x)) < 4:
         return None
     unit, name = problem.units[c], _short(problem.names[c])
     line, label = _function(change, "law", np.concatenate(x), np.concatenate(y)), "reading error"
-    if any(change.name.startswith(fault) for fault in LEVELS):  # of which the reading tells more
+    if change.subject.fault in LEVELS:  # of which the reading tells more
         points = [Points(p.label, p.x, p.x + p.y, p.sd) for p in points]
         y_, low, high = (line.x + v for v in (line.y, line.low, line.high))
         line, label = replace(line, y=y_, low=low, high=high), "reading"
@@ -289,6 +330,8 @@ def _function(change: Change, label: str, x: Array, y: Array) -> Line:
     """A law as a function of its variable, from values along a motion."""
     order = np.argsort(x, kind="stable")
     x, y = x[order], y[order]
+    if _scatter(x, y) > SMOOTH:  # another variable moves it a little
+        x, y = (np.array([part.mean() for part in np.array_split(v, 25)]) for v in (x, y))
     keep = thinned([y], 240)
     return _scaled(change, label, x[keep], y[keep])
 
@@ -306,8 +349,9 @@ def _output(
     paths, left = [], []
     for r in chosen:
         o = problem.fit[r]
-        values = size * np.asarray(candidate.effect.regressor(o.record, candidate.shape))
-        paths.append(_Path(r, values, _inputs_of(o.record)))
+        acts = problem.causes[index].acts_in(o)
+        values = acts * size * np.asarray(candidate.effect.regressor(o.record, candidate.shape))
+        paths.append(_Path(r, values, _inputs_of(o.record), acts))
         left.append(fitted.linears[r].residual[:, 0] * o.sd[:, 0] + values)
     variable = _variable(paths)
     points = []
@@ -332,6 +376,7 @@ def _inputs_of(record: Record) -> dict[str, tuple[Array, str]]:
 
 def _variable(paths: Sequence[_Path], among: Sequence[str] = ()) -> str:
     """The variable of which the values are a function, or nearly so; earlier ones first."""
+    paths = [p for p in paths if p.acts]
     names = [n for n in paths[0].variables if not among or n in among]
     values = np.concatenate([p.values for p in paths])
     scores = {n: _scatter(np.concatenate([p.variables[n][0] for p in paths]), values)
@@ -351,6 +396,7 @@ def _scatter(z: Array, values: Array) -> float:
 
 def _lines(change: Change, paths: Sequence[_Path], variable: str) -> tuple[list[Line], bool]:
     """The law as one curve, or one in each direction; whether it is a loop."""
+    paths = [p for p in paths if p.acts]
     z = np.concatenate([p.variables[variable][0] for p in paths])
     values = np.concatenate([p.values for p in paths])
     if _scatter(z, values) <= FUNCTION:
@@ -436,7 +482,8 @@ class _Place:
                 return None
             force = along.force(place, keys[0])
             depends |= {n for n in along.names if along.changes(n, keys[0])}
-            found.append(_Path(r, force, along.variables(place)))
+            acts = problem.causes[index].acts_in(problem.fit[r])
+            found.append(_Path(r, acts * force, along.variables(place), acts))
         among = _those(found[0].variables, place, depends)
         moves = place is not None and bool(among)
         return cls(
@@ -618,10 +665,11 @@ def _input(
     for r in chosen:
         record = problem.fit[r].record
         acting = record.with_changed_inputs(lambda whole: excite(whole, size, candidate.shape))
+        acts = problem.causes[index].acts_in(problem.fit[r])
         moved = {n: acting.inputs[n] - v for n, v in record.inputs.items()}
         name = name or max(moved, key=lambda n: float(np.abs(moved[n]).max()))
         unit = record.input_units.get(name, "")
-        paths.append(_Path(r, moved[name], {name: (record.inputs[name], unit)}))
+        paths.append(_Path(r, acts * moved[name], {name: (record.inputs[name], unit)}, acts))
     z = np.concatenate([p.variables[name][0] for p in paths])
     edges = _edges(z, INTERVALS, at_zero=True)
 

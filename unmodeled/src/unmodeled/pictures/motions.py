@@ -71,7 +71,14 @@ def motions_of(
             left_by = {n: float(v) for n, v in zip(problem.names, left, strict=True)}
             found.append(Alternative(kept, left_by, tuple(curves)))
     chosen, *rest = (m for m, _ in shown)
-    return Motions(chosen, tuple(rest), names, tuple(found))
+    labels = tuple(_label(c) for n in names for c in changes if c.name == n)
+    return Motions(chosen, tuple(rest), names, labels, tuple(found))
+
+
+def _label(change: Change) -> str:
+    """Name for people: what changes, or the name of what is added."""
+    article, _, thing = change.title.partition(" ")
+    return thing if article.lower() == "the" else change.name
 
 
 def _tabulated(problem: Problem, alone: Fitted) -> Sequence[Linear]:
@@ -89,11 +96,18 @@ def _at(problem: Problem, best: Fitted, points: Sequence[Point]) -> list[list[Li
     return evaluate(problem, asks) if asks else []
 
 
-def _model(o: Observed, linear: Linear, c: int) -> Array:
-    """A channel of the model where it was measured; between, it is interpolated."""
+def _own(o: Observed, c: int) -> slice:
+    """The part of a record in which a channel was measured."""
     at = np.flatnonzero(o.valid[: o.end, c])
-    values = (o.measured[:, c] - linear.residual[:, c] * o.sd[:, c])[at]
-    return np.interp(np.arange(o.end), at, values)
+    return slice(int(at[0]), int(at[-1]) + 1)
+
+
+def _model(o: Observed, linear: Linear, c: int) -> Array:
+    """A channel of the model in this part; between measured samples, it is interpolated."""
+    own = _own(o, c)
+    at = np.flatnonzero(o.valid[own, c])
+    values = (o.measured[own, c] - linear.residual[own, c] * o.sd[own, c])[at]
+    return np.interp(np.arange(own.stop - own.start), at, values)
 
 
 def _whole(
@@ -101,10 +115,10 @@ def _whole(
 ) -> Iterator[tuple[int, int, Motion]]:
     """Record, channel, and motion."""
     for r, o in enumerate(problem.fit):
-        own = slice(o.end)
         for c, (name, unit) in enumerate(zip(problem.names, problem.units, strict=True)):
-            if o.valid[own, c].sum() < 2:
+            if o.valid[: o.end, c].sum() < 2:
                 continue
+            own = _own(o, c)
             measured = np.where(o.valid[own, c], o.measured[own, c], np.nan)
             model = [_model(o, x[r], c) for x in (before, best.linears)]
             held, moves = o.record.name in held_out, float(problem.motion[c])

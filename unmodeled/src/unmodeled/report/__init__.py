@@ -8,20 +8,31 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from html import escape
-from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
+from unmodeled.errors import InvalidParameter
 from unmodeled.files import make_folder, whole_folder, write_text
 from unmodeled.fit.model import Candidate, Effect, Model
-from unmodeled.report.figures import correlation, residual_force, residuals, svg, waterfall
+from unmodeled.pictures.curves import Law, Motions
+from unmodeled.report.figures import (
+    answer,
+    correlation,
+    evidence,
+    motion,
+    residual_force,
+    residuals,
+    svg,
+    waterfall,
+)
+from unmodeled.report.page import page, render_page
 from unmodeled.report.why import why
 from unmodeled.report.words import (
     clause,
@@ -515,18 +526,26 @@ def _details(result: Result) -> Iterator[_Section]:
     yield _Section("Notes", items=notes)
 
 
+def _candidates(result: Result) -> _Section:
+    """All candidates that were fitted, and those that were not."""
+    known = dict(_probabilities(result, least=0.0))
+    k = result.channels.index(result.worst)
+    left: dict[str, float] = {}
+    for s in result.sets:
+        for name in s.causes:
+            left[name] = min(s.residual[k], left.get(name, math.inf))
+    listed = {c.name for first in result.changes for c in (first, *first.equivalents)}
+    rows = [
+        [name, f"{p:.3f}", percent(result.worst.share(left[name])),
+         "in the answer" if name in listed else "tested"]
+        for name, p in known.items()
+    ]  # fmt: skip
+    rows += [[name, "-", "-", "not fitted"] for name in result.not_tried]
+    head = ("candidate", "probability", f"least left of {result.worst.name}", "")
+    return _Section("Candidates", head=head, rows=rows)
+
+
 # ---------------------------------------------------------------- the report
-
-
-def render_page(template: str, *, package: str = "unmodeled.report", **values: object) -> str:
-    """A page from a template of a package; all texts are escaped, but not ``Markup``."""
-    import jinja2
-
-    text = (resources.files(package) / template).read_text(encoding="utf-8")
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.from_string(text).render(**values)
 
 
 class Report(Result):
@@ -537,6 +556,11 @@ class Report(Result):
     that is told first. None: it is not known."""
     case: Given | None = None
     """What the diagnosis was given, for those who repeat it; None: it is not known."""
+    motions: Motions | None = None
+    """Motions of the records: measured, in the model as it is, and with the changes; None: they
+    are not known."""
+    laws: tuple[Law, ...] = ()
+    """The evidence of each change in the coordinates of its law."""
     cached: str = ""
     """How many runs were taken from the folder ``cache``; empty: none. It is the last line of the
     text, and no part of the answer."""
@@ -632,23 +656,23 @@ class Report(Result):
         """
         from markupsafe import Markup
 
-        return render_page(
-            "report.html",
+        return page(
+            self.motions,
+            self.laws,
             title=title,
             result=self,
             verdict=VERDICTS[self.verdict],
             first=self._first(),
             details=[s for s in _details(self) if s.rows or s.items],
+            candidates=_candidates(self),
             figures={
                 "": Markup(svg(waterfall(self), "waterfall of the gap")),
                 "Where": Markup(
-                    svg(residuals(self), "residuals of the records")
-                    + (
-                        svg(residual_force(self), "residual force")
-                        if any(p.force for p in _useful(self))
-                        else ""
-                    )
+                    svg(residual_force(self), "residual force")
+                    if any(p.force for p in _useful(self))
+                    else ""
                 ),
+                "Residuals": Markup(svg(residuals(self), "residuals of the records")),
                 "Parameters": Markup(svg(correlation(self), "correlation of the unknowns")),
             },
         )
@@ -680,19 +704,40 @@ class Report(Result):
 
     @checked
     def plot(
-        self, kind: Literal["waterfall", "residual", "correlation", "force"] = "waterfall"
+        self,
+        kind: Literal[
+            "answer", "motion", "evidence", "waterfall", "residual", "correlation", "force"
+        ] = "waterfall",
     ) -> Figure:
         """Figure of the result.
 
         Parameters
         ----------
         kind
-            ``"waterfall"``: the gap of the tabulated model, of the calibrated one, with each cause,
-            and the noise; ``"residual"``: what remains over time; ``"correlation"``: correlation of
-            the fitted parameters and magnitudes; ``"force"``: the force that would explain what
-            remains at the best place, over speed and position.
+            ``"answer"``: the motion and the evidence of the first changes; ``"motion"``: measured,
+            the model as it is, and with the changes: the part of a record in which they take away
+            most, and all records; ``"evidence"``: what the records leave for each change, and its
+            law; ``"waterfall"``: the gap of the tabulated model, of the calibrated one, with each
+            cause, and the noise; ``"residual"``: what remains over time; ``"correlation"``:
+            correlation of the fitted parameters and magnitudes; ``"force"``: the force that would
+            explain what remains at the best place, over speed and position.
+
+        Raises
+        ------
+        InvalidParameter
+            The report has no motions, or no change with evidence.
         """
-        figures = {
+        missing = {"answer", "motion"} if self.motions is None else set()
+        missing |= set() if self.laws else {"evidence"}
+        if kind in missing:
+            raise InvalidParameter(
+                f"plot: {kind!r}: this report holds none of it; it is made by a diagnosis, and "
+                "evidence only where something changes"
+            )
+        figures: dict[str, Callable[[Any], Figure]] = {
+            "answer": lambda report: answer(report.motions, report.laws),
+            "motion": lambda report: motion(report.motions),
+            "evidence": lambda report: evidence(report.laws),
             "waterfall": waterfall,
             "residual": residuals,
             "correlation": correlation,

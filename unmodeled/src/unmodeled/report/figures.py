@@ -6,6 +6,7 @@ import io
 import itertools
 import math
 import re
+import textwrap
 from collections.abc import Sequence
 from html import escape
 from typing import TYPE_CHECKING
@@ -43,6 +44,8 @@ CHANNELS = 24
 RECORDS, POINTS, UNKNOWNS, LETTERS = 6, 1200, 24, 44
 #: Largest numbers of small panels of motions, of them in a row, and of laws.
 PANELS, ACROSS, LAWS = 12, 4, 6
+#: Largest number of laws below a motion.
+BELOW = 3
 #: Share of the measured range that a model may leave on each side.
 OUTSIDE = 0.6
 
@@ -51,6 +54,8 @@ OUTSIDE = 0.6
 PREFIXES = {-9: "n", -6: "\N{MICRO SIGN}", -3: "m", 3: "k", 6: "M", 9: "G"}
 #: Units that take a prefix; g stands for kg.
 PREFIXABLE = {"m", "s", "N", "A", "V", "W", "J", "Pa", "Hz", "rad", "H", "F", "K", "C", "mol"}
+#: Times from which an axis shows minutes, and hours [s].
+MINUTES = (600.0, 36_000.0)
 #: Digits of a superscript.
 SUPERSCRIPT = str.maketrans(
     "-0123456789",
@@ -71,6 +76,8 @@ def axis_unit(*values: Array, unit: str) -> tuple[float, str]:
     known = [np.abs(v[np.isfinite(v)]) for v in values]
     most = max((float(v.max()) for v in known if v.size), default=0.0)
     factor, name = readable_unit(most, unit)
+    if unit == "s" and most >= MINUTES[0]:
+        return (1.0 / 60.0, "min") if most < MINUTES[1] else (1.0 / 3600.0, "h")
     if most == 0.0 or 0.05 <= factor * most < 1e4:
         return factor, name
     power = 3 * math.floor(math.log10(most) / 3.0)
@@ -86,8 +93,9 @@ def axis_unit(*values: Array, unit: str) -> tuple[float, str]:
 
 
 def raised(unit: str) -> str:
-    """A unit with superscripts for its powers."""
-    return re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPT), unit)
+    """A unit with superscripts for its powers, and the sign of degrees."""
+    text = re.sub(r"\^(-?\d+)", lambda m: m[1].translate(SUPERSCRIPT), unit)
+    return re.sub(r"\bdeg([CF])\b", "\N{DEGREE SIGN}\\1", text)
 
 
 def svg(figure: Figure, name: str) -> str:
@@ -165,7 +173,8 @@ def waterfall(result: Result) -> Figure:
         at, change = 100.0 * c.share(left), 100.0 * c.share(width)
         ax.barh(i, change, 0.66, left=at, color=color)
         end = max(at, at + change)
-        shown = f" {change:.2g}" if left == 0.0 and color != BLUE else f" {-change:+.2g}"
+        rounded = float(f"{change:.2g}")
+        shown = f" {rounded:g}" if left == 0.0 and color != BLUE else f" {-rounded:+g}"
         ax.text(end, i, shown, va="center", fontsize=NORMAL)
     ax.set_yticks(range(len(bars)), [plain_text(b[0][:LETTERS]) for b in bars], fontsize=NORMAL)
     ax.set_ylim(len(bars) - 0.4, -0.6)
@@ -190,7 +199,29 @@ def motion(motions: Motions) -> Figure:
     _motion_panel(figure.add_subplot(grid[0, :]), first, large=True)
     for k, m in enumerate(rest):
         _motion_panel(figure.add_subplot(grid[1 + k // across, k % across]), m, large=False)
-    _key(figure, [("measured", BLACK), ("as it is", ORANGE), ("with the changes", BLUE)])
+    _key(figure, MOTION_KEY)
+    return figure
+
+
+def answer(motions: Motions | None, laws: Sequence[Law]) -> Figure:
+    """The answer in one picture: the clearest part of the motions, and the first laws below it.
+
+    Parameters
+    ----------
+    motions
+        Motions of the records; None: they are not known.
+    laws
+        Laws with the points that the records leave for them.
+    """
+    shown = laws[:BELOW]
+    figure = new_figure(WIDTH, 2.6 * (motions is not None) + 2.7 * bool(shown) + 0.3)
+    rows = [2.5] * (motions is not None) + [2.6] * bool(shown)
+    grid = figure.add_gridspec(len(rows) or 1, len(shown) or 1, height_ratios=rows or [1.0])
+    if motions is not None:
+        _motion_panel(figure.add_subplot(grid[0, :]), motions.chosen, large=True)
+    for k, law in enumerate(shown):
+        _law_panel(figure.add_subplot(grid[-1, k]), law)
+    _key(figure, [*MOTION_KEY, *(LAW_KEY if shown else ())])
     return figure
 
 
@@ -206,8 +237,8 @@ def _motion_panel(ax: Axes, m: Motion, *, large: bool) -> None:
     low, high = limits(m)
     ax.set_ylim(factor * low, factor * high)
     title = m.record if large else m.record[: LETTERS // 2]
-    y = f"{m.channel if large else m.channel[:12]} [{raised(unit)}]"
-    style_axes(ax, f"time [{second}]" if large else "", plain_text(y),
+    y = _axis(m.channel if large else m.channel[:12], unit)
+    style_axes(ax, f"time [{second}]" if large else "", y,
                plain_text(f"{title}, held out" if m.held_out else title))  # fmt: skip
     ax.locator_params(nbins=6 if large else 3)
 
@@ -232,28 +263,34 @@ def _key(figure: Figure, items: Sequence[tuple[str, str]]) -> None:
                   frameon=False, fontsize=NORMAL, handlelength=1.4)  # fmt: skip
 
 
+#: Names of the colors.
+MOTION_KEY = (("measured", GRAY), ("as it is", ORANGE), ("with the changes", BLUE))
+LAW_KEY = (("records", BLACK), ("law, 95 %", SKY))
 #: Colors and markers of the records of a law.
 RECORD_MARKS = ((BLACK, "o"), (RED, "s"), (GREEN, "^"))
 
 
-def evidence(laws: Sequence[Law]) -> Figure:
+def evidence(laws: Sequence[Law], *, key: bool = True) -> Figure:
     """The evidence of each change in the coordinates of its law: points, law and interval.
 
     Parameters
     ----------
     laws
         Laws with the points that the records leave for them.
+    key
+        Whether the colors are named.
     """
     shown = laws[:LAWS]
     across = min(2, max(len(shown), 1))
     rows = -(-len(shown) // across) or 1
-    figure = new_figure(WIDTH if across > 1 else 0.62 * WIDTH, 2.9 * rows + 0.3)
+    figure = new_figure(WIDTH if across > 1 else 0.5 * WIDTH, 2.9 * rows + 0.3)
     panels = figure.subplots(rows, across, squeeze=False).ravel()
     for ax in panels[len(shown) :]:
         ax.set_visible(False)
     for ax, law in zip(panels, shown, strict=False):
         _law_panel(ax, law)
-    _key(figure, [("records", BLACK), ("law, 95 %", BLUE)])
+    if key:
+        _key(figure, LAW_KEY)
     return figure
 
 
@@ -265,7 +302,8 @@ def _law_panel(ax: Axes, law: Law) -> None:
         for axis, values in zip((law.x, law.y), zip(*own, strict=True), strict=True)
     )
     title = law.title[:1].upper() + law.title[1:] if " " in law.title else law.title
-    style_axes(ax, _axis(law.x.label, ux), _axis(law.y.label, uy), plain_text(title[:LETTERS]))
+    style_axes(ax, _axis(law.x.label, ux), _axis(law.y.label, uy),
+               plain_text(textwrap.fill(raised(title), LETTERS)))  # fmt: skip
     {"records": _bars, "likelihood": _likelihood, "step": _step}.get(law.kind, _curve)(
         ax, law, fx, fy
     )
@@ -283,7 +321,7 @@ def _curve(ax: Axes, law: Law, fx: float, fy: float) -> None:
         else:
             for end in (line.low, line.high):
                 ax.plot(fx * line.x, fy * end, color=SKY, lw=0.7)
-        ax.plot(fx * line.x, fy * line.y, color=BLUE, lw=1.8)
+        ax.plot(fx * line.x, fy * line.y, color=BLUE, lw=1.8, zorder=1.5)
     records = list(dict.fromkeys(p.label.partition(", ")[0] for p in law.points))
     for p in law.points:
         color, mark = RECORD_MARKS[records.index(p.label.partition(", ")[0]) % len(RECORD_MARKS)]
@@ -293,7 +331,7 @@ def _curve(ax: Axes, law: Law, fx: float, fy: float) -> None:
             ax.errorbar(fx * p.x, fy * p.y, HALF * fy * p.sd, fmt=mark, color=color, ms=3.5,
                         lw=0.8, zorder=3)  # fmt: skip
         else:
-            ax.plot(fx * p.x, fy * p.y, mark, color=color, ms=3.0, alpha=0.4, mew=0, zorder=1)
+            ax.plot(fx * p.x, fy * p.y, mark, color=color, ms=3.0, alpha=0.5, mew=0, zorder=2)
 
 
 def _step(ax: Axes, law: Law, fx: float, fy: float) -> None:
@@ -302,10 +340,9 @@ def _step(ax: Axes, law: Law, fx: float, fy: float) -> None:
         ax.plot(fx * line.x, fy * line.y, color=color, ls=style, lw=1.6)
     for p in law.points:
         ax.plot(fx * p.x, fy * p.y, "o", color=BLACK, ms=2.5, mew=0)
-    at = law.lines[0].x[-1]
-    for line, color in zip(law.lines, (ORANGE, BLUE), strict=True):
-        ax.annotate(line.label, (fx * at, fy * line.y[-1]), (3, 0), textcoords="offset points",
-                    color=color, fontsize=SMALL, va="center", annotation_clip=False)  # fmt: skip
+    for row, (line, color) in enumerate(zip(law.lines, (ORANGE, BLUE), strict=True)):
+        ax.annotate(line.label, (1.0, 1.02), (0, 9 * row), xycoords="axes fraction", ha="right",
+                    textcoords="offset points", color=color, fontsize=SMALL)  # fmt: skip
 
 
 def _likelihood(ax: Axes, law: Law, fx: float, fy: float) -> None:

@@ -130,12 +130,17 @@ def _clause(c: Change) -> str:
     about = c.subject
     fault, place = about.fault, about.component
     what = f"the {fault} of {place}" if about.of_signal else "the clock of the sensors"
+    off = f"{what} {be} off by"
+    if about.scope.channels:
+        be, has, acts = ("are", "have", "act") if sure else (be, has, acts)
+    else:
+        place = f"the {place}"
     if len(c.records) == len(c.by_record) > 1:
         return f"{what} {differs} between the records: {_by_record(c)}"
     if about.of_signal and fault in LOST:
         return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
     if about.of_signal and fault == "lag":
-        return f"the {place} {has} a lag of {size}"
+        return f"{place} {has} a lag of {size}"
     if about.of_signal or about.kind == "clock":
         if sign := sign_of_delay(c):
             least, most = sorted((sign * c.low, sign * c.high))
@@ -148,11 +153,11 @@ def _clause(c: Change) -> str:
                 size = f"{of}{name} {way}, between {low.removeprefix('-')}{name} {back} and "
                 size += f"{high}{name} {way}"
                 then = "act at another time than recorded" if of_input else "be late or early"
-                return f"the {place} may {then} ({size})"
+                return f"{place} may {then} ({size})"
             if of_input:
-                return f"the {place} {acts} {size} {way} than recorded"
-            return f"the {place} {be} {size} {way}"
-        return f"{what} {be} off by {size}"
+                return f"{place} {acts} {size} {way} than recorded"
+            return f"{place} {be} {size} {way}"
+        return f"{off} {size}"
     told = c.title if c.kind == "parameter" else about.label
     thing = told[:1].lower() + told[1:] if told[:4].lower() == "the " else ""
     if c.kind != "parameter" and not thing:
@@ -198,7 +203,7 @@ def _lost(c: Change, fault: str, place: str, share: str) -> str:
     level = f"{way}{size_in(float(level), unit)}"
     may = "may have" if c.tier in ("supported", "unsure") else "has"
     less = f", which takes away {share} of what is {LOST[fault]}" if share else ""
-    return f"the {place} {may} a {fault} {'' if end else 'of '}{level}{less}"
+    return f"{place} {may} a {fault} {'' if end else 'of '}{level}{less}"
 
 
 def _by_record(c: Change) -> str:

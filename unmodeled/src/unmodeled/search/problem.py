@@ -91,7 +91,7 @@ class Cause:
     def subject(self) -> Subject:
         """What it is about."""
         if (words := self.effect or self.alias) is not None:
-            return replace(words.about, scope=self.scope)
+            return replace(words.about, scope=self.scope) if self.records else words.about
         if self.local is None:
             return Subject("parameter", component=self.component)
         kind: SubjectKind = "sensor" if self.channel else "clock"

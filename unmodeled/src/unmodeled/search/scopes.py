@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from unmodeled.fit.model import Effect, Parameter
-from unmodeled.fit.subject import Scope, Subject
+from unmodeled.fit.subject import Subject
 from unmodeled.search.problem import RELEASED, Cause, Problem
 
 
@@ -44,7 +44,8 @@ def with_scopes(problem: Problem, names: Sequence[str]) -> Problem:
         if effect is None:
             continue
         for records in scopes:
-            scope = Scope(records=tuple(names[k] for k in sorted(records)))
+            here = tuple(names[k] for k in sorted(records))
+            scope = replace(effect.about.scope, records=here)
             causes.append(
                 Cause(
                     f"{cause.name}{scope.where}",

@@ -80,6 +80,8 @@ class Searched:
     """Whether the search tried all that it would add to the best set."""
     ended_by: BaseException | None = None
     """``Stop`` or ``KeyboardInterrupt``, if one ended the search before its end."""
+    answer: tuple[Problem, Fitted, Fitted] | None = None
+    """What the verdict tells: the problem, the model alone, and the set of the answer."""
 
     def ranked(self) -> tuple[list[Fitted], Array]:
         """Sets in the order of their posterior probability, and these probabilities."""

@@ -101,6 +101,7 @@ def judge(
     tell("judge")
     answer = _answer(chosen, options, check)
     problem, best = answer.problem, answer.best
+    searched.answer = problem, chosen.alone, best
     channels = _channels(answer, options)
     without = _without(answer)
     changed, of_parameters = _changed(answer, options)

@@ -1,0 +1,98 @@
+"""Derivatives of MuJoCo runs along the motion are those of differences of runs."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import unmodeled
+from unmodeled.data import Record
+from unmodeled.fit.mjcf_runs import Mjcf
+from unmodeled.fit.model import Candidate, SensitivityRequest, difference_sensitivities
+
+mujoco = pytest.importorskip("mujoco")
+
+ARM = """<mujoco><compiler angle="radian"/><option timestep="0.002" integrator="implicitfast"/>
+<worldbody><body name="upper" pos="0 0 1"><joint name="hip" axis="0 1 0" damping=".3"
+ frictionloss=".1" armature=".01"/>
+<geom type="capsule" fromto="0 0 0 .25 0 0" size=".02" mass=".8"/>
+<body name="fore" pos=".25 0 0"><joint name="knee" axis="0 1 0" damping=".12" armature=".005"/>
+<geom type="capsule" fromto="0 0 0 .22 0 0" size=".018" mass=".45"/><site name="tip" pos=".2 0 0"/>
+</body></body></worldbody><actuator><position name="c1" joint="hip" kp="70" kv="1.5"/>
+<position name="c2" joint="knee" kp="30" kv=".5"/></actuator>
+<sensor><framepos name="place" objtype="site" objname="tip"/></sensor></mujoco>"""
+
+
+@pytest.fixture
+def ready(tmp_path):
+    """The model, and a record whose interval is five and a half of its steps."""
+    (tmp_path / "arm.xml").write_text(ARM)
+    time = np.arange(0.0, 1.5, 0.025)
+    inputs = {"c1": 0.5 * np.sin(7.0 * time), "c2": -0.4 + 0.4 * np.sin(11.0 * time)}
+    function = Mjcf(tmp_path / "arm.xml", "", 0.0, "zero")
+    seen = function(time, inputs, {"hip.damping": 0.5, "fore.payload": 0.1})
+    outputs = {n: seen[n] for n in ("hip", "knee", "place.x", "place.z")}
+    record = Record(name="run", time=time, inputs=inputs, outputs=outputs)
+    model = unmodeled.mujoco(tmp_path / "arm.xml", parameters={"c1.kp": (None, 5.0)})
+    return model.ready([record])
+
+
+def asked(ready, **given):
+    model, record = ready.model, ready.records[0]
+    changes = tuple({n: np.cos(5.0 * record.time)} for n in ("c1", "c2"))
+    return SensitivityRequest(
+        record,
+        np.array([p.value for p in model.parameters]),
+        np.array([s.start for s in model.states()]),
+        candidates=tuple(Candidate(e) for e in model.effects),
+        input_changes=changes,
+        **given,
+    )
+
+
+def test_they_are_those_of_runs_without_the_runs(ready):
+    record = ready.records[0]
+    free = {s.name: 1.0 for s in ready.model.states()}
+    ready = replace(ready, records=(replace(record, start=replace(record.start, sd=free)),))
+    request = asked(ready, rough=True)
+    before = ready.model.simulations
+    (found,) = ready.model.sensitivities([request])
+    backlash = sum(c.name.endswith("backlash") for c in request.candidates)
+    assert ready.model.simulations - before <= 1 + backlash  # these change the structure
+    (exact,) = difference_sensitivities(ready.model, [request])
+    np.testing.assert_array_equal(found.outputs, exact.outputs)
+    pairs = [(c.name, found.d_candidates[..., k], exact.d_candidates[..., k])
+             for k, c in enumerate(request.candidates)]  # fmt: skip
+    pairs += [("c1.kp", found.d_theta[..., 0], exact.d_theta[..., 0])]
+    pairs += [(f"input {k}", found.d_inputs[..., k], exact.d_inputs[..., k]) for k in range(2)]
+    pairs += [(f"start {k}", found.d_starts[..., k], exact.d_starts[..., k]) for k in range(4)]
+    assert len(pairs) > 20
+    for name, one, other in pairs:
+        size = np.linalg.norm(other)
+        assert np.linalg.norm(one - other) <= 0.08 * size, name
+        assert size > 0.0 or name.endswith("force"), name
+
+
+def test_exact_ones_are_made_by_runs(ready):
+    request = asked(ready)
+    (found,) = ready.model.sensitivities([request])
+    (exact,) = difference_sensitivities(ready.model, [request])
+    np.testing.assert_array_equal(found.d_candidates, exact.d_candidates)
+
+
+def test_sizes_need_no_trials(ready):
+    """Each size changes the channel that it moves most by the same share of its motion."""
+    model, record = ready.model, ready.records[0]
+    told = [n for n in ready.notes if "expected sizes, from their influence" in n]
+    assert "hip.damping" in told[0]
+    by_name = {e.name: e for e in model.effects}
+    motion = np.array([np.std(record.outputs[n]) for n in model.outputs])
+    plain = model.mjcf(record.time, record.inputs, {})
+    shares = []
+    for name in ("hip.damping", "knee.damping", "fore.payload", "c2.kv"):
+        value = model.mjcf.properties[name].value + by_name[name].scale
+        seen = model.mjcf(record.time, record.inputs, {name: value})
+        moved = [np.sqrt(np.mean((seen[n] - plain[n]) ** 2)) for n in model.outputs]
+        shares.append(max(moved / motion))
+    assert max(shares) < 2.0 * min(shares)
+    assert model.simulations < 30
