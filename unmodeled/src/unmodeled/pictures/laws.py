@@ -81,11 +81,17 @@ def laws(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> tuple[L
     """
     found = []
     with np.errstate(all="ignore"):
-        for change in changes:
+        for change in in_the_set(problem, fitted, changes):
             law = law_of(problem, fitted, change)
             if law is not None:
                 found.append(law)
     return tuple(found)
+
+
+def in_the_set(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> list[Change]:
+    """The changes; in place of one that a set does not have, its equivalent that it has."""
+    own = {problem.causes[i].name for i in fitted.causes}
+    return [next((e for e in (c, *c.equivalents) if e.name in own), c) for c in changes]
 
 
 def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
