@@ -41,6 +41,7 @@ def diagnose(
     effects: Sequence[Effect | str] | None,
     records: Sequence[Record] | Record,
     *,
+    then: Sequence[Record] | Record = (),
     exclude: Sequence[str] | str = (),
     hold_out: Sequence[str] | str | None = None,
     options: Options | None = None,
@@ -60,6 +61,9 @@ def diagnose(
         omitted.
     records
         Measured runs; at least one.
+    then
+        Measured runs after a change of the machine: what differs between the two series is told.
+        Those with the name of an earlier run get the name with "after".
     exclude
         Names, patterns, or components of effects that are not tested.
     hold_out
@@ -93,6 +97,8 @@ def diagnose(
         model = model.running(executor=executor, cache=cache)
     began = time.monotonic()
     given = (records,) if isinstance(records, Record) else tuple(records)
+    if after := _after(given, (then,) if isinstance(then, Record) else tuple(then)):
+        given, options = (*given, *after), replace(options, then=tuple(r.name for r in after))
     meter = Meter(progress, FITS * options.seconds)
     with one_thread(), _interrupted(model):
         meter.stage("prepare")
@@ -141,6 +147,12 @@ def _add_pictures(report: Report, searched: Searched) -> None:
     held_out = {o.record.name for o in searched.problem.held_out}
     report.motions = motions_of(problem, alone, best, report.changes, held_out)
     report.laws = laws(problem, best, report.changes)
+
+
+def _after(before: Sequence[Record], then: Sequence[Record]) -> tuple[Record, ...]:
+    """Records after a change, with names of their own."""
+    taken = {r.name for r in before}
+    return tuple(replace(r, name=f"{r.name} after") if r.name in taken else r for r in then)
 
 
 @contextmanager

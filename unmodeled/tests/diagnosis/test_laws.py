@@ -12,7 +12,7 @@ from unmodeled import Effect, Options
 from unmodeled.fit.authoring import Jobs
 from unmodeled.library import dry_friction, hysteresis, sensor_fault, viscous_friction
 from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
-from unmodeled.pictures.laws import law_of
+from unmodeled.pictures.laws import law_of, laws
 from unmodeled.pictures.motions import motions_of
 from unmodeled.report.figures import axis_unit, evidence, motion, raised
 from unmodeled.search.fit import fit_sets
@@ -182,6 +182,17 @@ def test_a_parameter_is_shown_by_its_likelihood_and_in_each_record(rubbing):
     assert as_it_is.x[0] == 100.0
     for p in found.points:
         assert p.x[0] == pytest.approx(96.0, abs=5.0 * p.sd[0] + 0.1)
+
+
+def test_an_equivalent_that_the_set_has_stands_for_a_change(moved):
+    problem, best, _ = moved
+    other = dataclasses.replace(
+        change_of("viscous friction mass", 1.0, "N s/m"),
+        equivalents=(change_of("dry friction mass", 0.08, "N"),),
+    )
+    assert [x.name for x in laws(problem, best, [other])] == ["dry friction mass"]
+    found = motions_of(problem, best, best, [other])
+    assert found.changes == found.labels == ("dry friction mass",)
 
 
 def test_an_error_of_each_record_is_shown_by_record():

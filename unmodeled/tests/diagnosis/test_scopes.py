@@ -1,19 +1,23 @@
 """Causes of some records: a law acts in one record, in the first ones, or in the last ones."""
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from unmodeled import Equations, Record, Sensor, Verdict
+from unmodeled import Equations, InvalidParameter, Options, Record, Sensor, Verdict
+from unmodeled.cli import main
 from unmodeled.search.scopes import scopes_of
 
 EFFECTS = ["constant force x", "dry friction x", "* of input F", "gain of sensor x",
            "offset of sensor x"]  # fmt: skip
 
 
-def driven(count=3, *, force=None, gain=None, mass=None):
+def driven(count=3, *, force=None, gain=None, mass=None, seed=8):
     """Records of a mass on a spring, 2 kg, 90 N/m, 3 N s/m; the arguments are by record."""
     force, gain, mass = force or [0.0] * 9, gain or [1.0] * 9, mass or [2.0] * 9
-    rng, time, records = np.random.default_rng(8), np.arange(0.0, 2.0, 0.01), []
+    rng, time, records = np.random.default_rng(seed), np.arange(0.0, 2.0, 0.01), []
     for k in range(count):
         drive = 4.0 * np.sin(2 * np.pi * (0.7 + 0.3 * k) * time) + np.sign(np.sin(3.0 * time))
         step, x, out = 5e-4, np.zeros(2), []
@@ -47,8 +51,8 @@ def model():
     )
 
 
-def diagnosed(records):
-    return model().diagnose(records, effects=EFFECTS)
+def diagnosed(records, **given):
+    return model().diagnose(records, effects=EFFECTS, **given)
 
 
 def told(report):
@@ -90,6 +94,45 @@ def test_a_change_between_two_series_is_told_with_records_that_were_not_fitted()
     assert "in rec3 to rec5" in report.summary()
     assert cause.magnitude == pytest.approx(0.3, abs=0.01)
     assert report.channels[0].held_out_explained < 2.0 * report.channels[0].noise
+
+
+def test_what_changed_between_two_series_is_told():
+    before, after = (driven(3, mass=[m] * 3) for m in (2.0, 2.3))
+    report = diagnosed(before, then=after)
+    (cause,) = report.named
+    assert cause.cause == "m in rec0 after to rec2 after"
+    assert cause.magnitude == pytest.approx(0.3, abs=0.01)
+    same = diagnosed(before, then=driven(3, seed=9))
+    assert not told(same)
+    with pytest.raises(InvalidParameter, match="then: got rec9, expected some of the records"):
+        diagnosed(before, options=Options(then=("rec9",)))
+
+
+def test_files_after_a_change_follow_their_option(capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, mass in (("a", 2.0), ("b", 2.3)):
+        for record in driven(2, mass=[mass] * 2):
+            table = [record.time, record.inputs["F"], record.outputs["x"]]
+            np.savetxt(f"{name}-{record.name}.csv", np.transpose(table), delimiter=",",
+                       header="t [s],F [N],x [m]", comments="")  # fmt: skip
+    Path("cart.py").write_text(
+        "import unmodeled\nmodel = unmodeled.Equations("
+        "lambda t, x, u, p: (x.v, (u.F - 90.0 * x.x - 3.0 * x.v) / p.m), hold='zero', "
+        "states={'x': (0.0, 1e-4, 'm'), 'v': (0.0, 1e-3, 'm/s')}, inputs={'F': 'N'}, "
+        "parameters={'m': (2.0, 0.06, 'kg')}, outputs={'x': 'x'})\neffects = ()\n"
+    )
+    files = sorted(map(str, tmp_path.glob("*.csv")))
+    for given, code in (((*files[2:], "--json"), 0), ((), 2)):
+        with pytest.raises(SystemExit) as stop:
+            main(["diagnose", "cart.py", *files[:2], "--then", *given])
+        assert stop.value.code == code
+        told = capsys.readouterr()
+        if code:
+            assert "--then" in told.err
+            continue
+        (cause,) = json.loads(told.out)["named"]
+        assert cause["cause"] == "m in b-rec0 and b-rec1"
+        assert cause["magnitude"] == pytest.approx(0.3, abs=0.02)
 
 
 def test_records_of_one_machine_differ_in_nothing():

@@ -5,13 +5,14 @@ from __future__ import annotations
 import contextlib
 import math
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from unmodeled import Equations, Record
+from unmodeled import Effect, Equations, Record, Sensor
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit import Jobs, Named, compile, compiled, step
+from unmodeled.fit import Candidate, Jobs, Named, compile, compiled, step
 
 TIME = 0.02 * np.arange(16)
 FORCE = 0.6 + np.sin(9.0 * TIME)
@@ -288,6 +289,55 @@ def test_the_answer_does_not_depend_on_the_number_of_jobs():
         )
     for other in found[1:]:
         np.testing.assert_array_equal(other, found[0])
+
+
+@pytest.mark.parametrize("term", [one_of_two, relay(), REFUSED["caret"][0]])
+def test_effects_and_outputs_are_compared_too(term):
+    effect = Effect(
+        name="own", component="v",
+        rate=lambda t, x, u, p, size, shape: {"v": -size * term(t, x, u, p)},
+    )  # fmt: skip
+    plain_one = model(lambda t, x, u, p: 0.0)
+    given = replace(jobs(), included=(Candidate(effect),), magnitudes=np.ones((3, 1)))
+    with pytest.raises(InvalidParameter, match=r"^effect own: its rate .*test_witness.py\)"):
+        plain_one.simulate(record(), given)
+    shown = Equations(
+        lambda t, x, u, p: (x.v, u.f - p.k * x.q),
+        states={"q": (0.2, 0.1, "m"), "v": (0.4, 0.1, "m/s")},
+        parameters={n: (v, 0.1, "1") for n, v in NAMES.items()},
+        outputs={"q": "q", "own": term},
+    )
+    with pytest.raises(InvalidParameter, match=r"^model model: its output own "):
+        shown.simulate(record(), jobs())
+
+
+def test_a_difference_along_the_answer_is_its_first_note():
+    """Where the records did not show it: the answer is kept."""
+
+    def rates(t, x, u, p):
+        far = 1e-3 if 3.0 < x.q < 5.0 and not isinstance(x.q, float) else 0.0
+        return x.v, p.g * u.f - 0.5 * x.v + far
+
+    time = 0.02 * np.arange(150)
+    push, v = np.where(time < 1.0, 1.0, 0.2), np.zeros(150)
+    for k in range(149):
+        v[k + 1] = v[k] + 0.02 * (4.0 * push[k] - 0.5 * v[k])
+    noise = 1e-3 * np.random.default_rng(0).normal(size=150)
+    run = Record(
+        name="run", time=time, inputs={"f": push}, outputs={"v": v + noise},
+        sensors={"v": Sensor(name="v", unit="m/s", sigma=1e-3)},
+    )  # fmt: skip
+    own = Equations(
+        rates,
+        states={"q": (0.0, 1e-4, "m"), "v": (0.0, 1e-3, "m/s")},
+        parameters={"g": (1.0, 100.0, "1")},
+        inputs={"f": "m/s^2"},
+        outputs={"v": "v"},
+    )
+    report = own.diagnose(run, effects=())
+    assert report.parameters[0].value == pytest.approx(4.0, rel=0.02)
+    assert report.notes[0].startswith("the numbers below are not those of the model's functions: ")
+    assert "when it is traced" in report.notes[0]
 
 
 # ------------------------------------------------------------------------------- random spellings

@@ -29,6 +29,7 @@ from unmodeled.cli.options import (
     FORCE,
     MODEL_SET,
     SEED,
+    Command,
     FolderName,
     Number,
     argument,
@@ -79,10 +80,27 @@ TOLERANCES = {
 # --- diagnosis -----------------------------------------------------------------------------------
 
 
-@declare("diagnose", more=[config_option])
+class _TwoSeries(Command):
+    """A command whose option ``--then`` takes all files that follow it."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Put ``--then`` before each of these files."""
+        out: list[str] = []
+        then = False
+        for word in args:
+            then = word == "--then" or (then and not word.startswith("-"))
+            out += ["--then", word] if then and word != "--then" else [word] * (word != "--then")
+        return super().parse_args(ctx, out + ["--then"] * ("--then" in {*args} - {*out}))
+
+
+@declare("diagnose", cls=_TwoSeries, more=[config_option])
 def run(
     model: str = MODEL,
     data: tuple[Path, ...] = DATA,
+    then: tuple[str, ...] = option(
+        "Files after a change of the machine, up to the next option: what changed is told.",
+        metavar="FILES",
+    ),
     hold_out: tuple[str, ...] = HOLD_OUT,
     out: Path | None = option(
         "Folder for the report, the remedy, and what unmodeled verify needs; or a file for the "
@@ -133,17 +151,20 @@ def run(
     picture = out if out is not None and out.suffix.lower() in PICTURES else None
     check_targets(pictures=[picture], force=force)
     folder, remedy = _places(None if picture else out, loaded, force=force)
-    groups = loaded.read_each(data, reading)
+    every = (*data, *map(Path, then))
+    groups = loaded.read_each(every, reading)
     records = tuple(r for group in groups for r in group)
+    first = sum(map(len, groups[: len(data)]))
     if include or measured is not None or not loaded.default:
         loaded = loaded.with_records(records).including(include).measured(measured)
     line = ProgressLine()
     report = diagnose(
         loaded.model,
         None if loaded.default else loaded.effects,
-        records,
+        records[:first],
+        then=records[first:],
         exclude=exclude,
-        hold_out=held_out(hold_out, data, groups) or None,
+        hold_out=held_out(hold_out, every, groups) or None,
         options=replace(options, good_enough=floors(good_enough, loaded.model.units)),
         progress=line,
     )

@@ -14,7 +14,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import LONGEST, RECORDS, along, doubts, sensitivities, simulated
+from unmodeled.fit.batch import LONGEST, RECORDS, doubts, sensitivities, simulated
 from unmodeled.fit.coordinates import (
     Coordinate,
     Coupling,
@@ -43,6 +43,7 @@ from unmodeled.fit.model import (
     start_in,
 )
 from unmodeled.fit.noise import Noise
+from unmodeled.fit.plain import along
 from unmodeled.fit.priors import (
     Bounds,
     Priors,

@@ -578,6 +578,7 @@ class Model(ABC):
         self,
         records: Sequence[Record] | Record,
         *,
+        then: Sequence[Record] | Record = (),
         effects: Sequence[Effect | str] | None = None,
         exclude: Sequence[str] | str = (),
         hold_out: Sequence[str] | str | None = None,
@@ -592,6 +593,8 @@ class Model(ABC):
         ----------
         records
             Measured runs.
+        then
+            Measured runs after a change of the machine.
         effects
             Effects that it may lack, or names and patterns of the default ones; default: those of
             :func:`unmodeled.candidates`.
@@ -605,7 +608,7 @@ class Model(ABC):
         unmodeled.Report
         """
         own = {"exclude": exclude, "hold_out": hold_out, "options": options, "progress": progress}
-        own |= {"executor": executor, "cache": cache}
+        own |= {"executor": executor, "cache": cache, "then": then}
         return lazy_import("unmodeled.diagnosis:diagnose")(self, effects, records, **own)
 
     def fit(

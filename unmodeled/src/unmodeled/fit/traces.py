@@ -19,6 +19,8 @@ from unmodeled.fit.reads import Words
 from unmodeled.fit.tape import Kept, Node, NotTraceable, Tape, Traced
 
 Key = tuple[Any, ...]
+#: Key of the functions of a model, among those of effects.
+OWN = "own"
 #: Values by key of the inputs of a tape.
 Values = Mapping[Key, Any]
 Push = Callable[[Any, Any, Named, Named, Named], Mapping[str, Any]]

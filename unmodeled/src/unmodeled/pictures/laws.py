@@ -81,11 +81,17 @@ def laws(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> tuple[L
     """
     found = []
     with np.errstate(all="ignore"):
-        for change in changes:
+        for change in in_the_set(problem, fitted, changes):
             law = law_of(problem, fitted, change)
             if law is not None:
                 found.append(law)
     return tuple(found)
+
+
+def in_the_set(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> list[Change]:
+    """The changes; in place of one that a set does not have, its equivalent that it has."""
+    own = {problem.causes[i].name for i in fitted.causes}
+    return [next((e for e in (c, *c.equivalents) if e.name in own), c) for c in changes]
 
 
 def law_of(problem: Problem, fitted: Fitted, change: Change) -> Law | None:
@@ -164,12 +170,13 @@ def _scaled(change: Change, label: str, x: Array, y: Array) -> Line:
 def _by_records(change: Change) -> Law:
     """Sizes of an error that each record has by itself."""
     at = np.arange(len(change.by_record), dtype=np.float64)
-    half = (change.high - change.low) / (2.0 * HALF)
+    shown = 100.0 if change.relative else 1.0
+    half = shown * (change.high - change.low) / (2.0 * HALF)
     points = [
-        Points(name, at[k : k + 1], np.array([v]), np.array([half]))
+        Points(name, at[k : k + 1], np.array([shown * v]), np.array([half]))
         for k, (name, v) in enumerate(zip(change.records, change.by_record, strict=True))
     ]
-    y = Axis(change.subject.fault or "size", change.unit)
+    y = Axis(change.subject.fault or "size", "%" if change.relative else change.unit)
     return _law(change, "records", Axis("record", ""), y, points, ())
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array
 from unmodeled.pictures.curves import POINTS, Alternative, Motion, Motions, thinned
+from unmodeled.pictures.laws import in_the_set
 from unmodeled.search.evidence import Fitted
 from unmodeled.search.linear import EvaluationRequest, Linear, Point, evaluate, local_of
 from unmodeled.search.problem import Observed, Problem, rms_of
@@ -50,6 +51,7 @@ def motions_of(
     held_out
         Names of records that were not fitted.
     """
+    changes = in_the_set(problem, best, changes)
     with np.errstate(all="ignore"):
         whole = list(_whole(problem, _tabulated(problem, alone), best, held_out))[:MOTIONS]
         if not whole:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -33,6 +33,9 @@ class Options:
     """Limit of time [s]; the best sets of effects until then are the answer."""
     max_effects: int = 4
     """Largest number of effects in a set [1]."""
+    then: Sequence[str] = ()
+    """Names of the records after a change of the machine: what acts in some records acts in these;
+    (): in one record, the first or the last ones."""
     tries: int = 8
     """Number of effects that are fitted together with a set in each round, and of pairs [1]."""
 

@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from unmodeled.errors import InvalidParameter
 from unmodeled.fit.model import Effect, Parameter
 from unmodeled.fit.subject import Subject
 from unmodeled.search.problem import RELEASED, Cause, Problem
@@ -26,7 +27,7 @@ def scopes_of(count: int) -> list[frozenset[int]]:
     return list(dict.fromkeys(frozenset(run) for run in runs))
 
 
-def with_scopes(problem: Problem, names: Sequence[str]) -> Problem:
+def with_scopes(problem: Problem, names: Sequence[str], then: Sequence[str] = ()) -> Problem:
     """The problem with the causes of some of its measured records.
 
     Parameters
@@ -35,8 +36,22 @@ def with_scopes(problem: Problem, names: Sequence[str]) -> Problem:
         Problem whose causes act in all records.
     names
         Names of the measured records, in their order.
+    then
+        Names of those after a change, the only scope then; (): there may be any.
+
+    Raises
+    ------
+    InvalidParameter
+        There are no such records, or no others.
     """
     scopes = scopes_of(len(names))
+    if then:
+        if not set(then) < set(names):
+            raise InvalidParameter(
+                f"then: got {', '.join(then)}, expected some of the records, and not all: "
+                f"{', '.join(names)}"
+            )
+        scopes = [frozenset(k for k, name in enumerate(names) if name in then)]
     if not scopes:
         return problem
     causes = list(problem.causes)
