@@ -22,7 +22,8 @@ from unmodeled.fit.simulator import Simulator
 from unmodeled.library.defaults import chosen_effects
 from unmodeled.loading import LoadedModel, load_model
 from unmodeled.report.case import OF_EFFECT, file_and_name, sha256_of, versions
-from unmodeled.report.stored import Answer, Stored, StoredCandidate, StoredModel, as_made, made
+from unmodeled.report.stored import Answer, Stored, StoredCandidate, StoredModel
+from unmodeled.report.values import as_made, made
 from unmodeled.search.options import Options
 from unmodeled.search.progress import Progress
 from unmodeled.search.records import ready_records

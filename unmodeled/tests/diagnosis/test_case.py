@@ -19,7 +19,8 @@ from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit.mjcf_parts import parts_of
 from unmodeled.fit.model import Origin, Parameter, UserUnit, prior_jobs
 from unmodeled.report.case import _copy, _has_effects, sha256_of
-from unmodeled.report.stored import Answer, as_made, as_stored
+from unmodeled.report.stored import Answer
+from unmodeled.report.values import as_made, as_stored
 
 LINE = """
 def line(time, inputs, parameters):

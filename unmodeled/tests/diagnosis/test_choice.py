@@ -183,7 +183,7 @@ def test_differences_that_matter_refuse_a_cause_and_others_do_not(spring, causes
     refused = diagnose(spring, causes, records)
     line = refused.finding("hardening")
     assert (line.codes[0], line.mark, line.left) == ("differs", None, True)
-    assert refused.refused == ("hardening",)
+    assert "hardening" in refused.refused
     assert Reason.DIFFERS_BETWEEN_RECORDS in refused.reasons
     enough = diagnose(spring, causes, records, options=Options(good_enough={"N": 0.7}))
     assert enough.finding("hardening").same == 1.0

@@ -15,8 +15,6 @@ from importlib.metadata import entry_points, version
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from unmodeled.data import Record, write_record
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import (
@@ -37,7 +35,7 @@ from unmodeled.fit.mjcf_parts import MJCF, Parts, parts_of
 from unmodeled.fit.model import Candidate, Effect, Model, Origin, Ready
 from unmodeled.lazy import lazy_import
 from unmodeled.report.petab import write_petab
-from unmodeled.report.stored import FORMAT, VERSION, Stored, as_stored
+from unmodeled.report.values import FORMAT, VERSION, as_stored
 from unmodeled.search.options import Options
 from unmodeled.search.result import Result
 
@@ -221,6 +219,10 @@ def files_of_case(folder: Path) -> list[Path]:
     """Files of an earlier case in a folder, as they were written."""
     if not is_file(folder / "case.json"):
         return []
+    from pydantic import ValidationError
+
+    from unmodeled.report.stored import Stored  # a diagnosis needs no schema
+
     try:
         digests = Stored.model_validate(read_json(folder / "case.json")).sha256
         files = {beside(folder, n, "case.json"): d for n, d in digests.items()}

@@ -15,8 +15,6 @@ from typing import Any
 
 from unmodeled.errors import InvalidParameter
 
-__all__ = ["RULES", "Finding", "Mark", "Rule", "from_plain", "listed", "marked", "thresholds"]
-
 
 class Mark(Enum):
     """How sure a member of the answer is."""
