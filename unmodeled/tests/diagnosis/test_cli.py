@@ -183,3 +183,13 @@ def test_a_difference_that_is_not_given_in_noise_is_told(tmp_path, capsys):
     out = " ".join(capsys.readouterr().out.split())
     assert "of motion factor" in out
     assert "q: no noise is stated, so that the difference is not given in noise" in out
+
+
+def test_the_answer_is_drawn_where_the_name_is_that_of_a_picture(tmp_path, capsys):
+    picture = tmp_path / "answer.svg"
+    given = ("diagnose", EXAMPLES / "emps.py", *EMPS, "--seconds", "0.01", "-o", picture)
+    assert run(*given) == 0
+    assert f"wrote {picture}" in capsys.readouterr().err.replace("\n", "")
+    assert "<svg" in picture.read_text()
+    assert run(*given) == 2  # before anything is computed
+    assert "--force" in capsys.readouterr().err

@@ -73,6 +73,21 @@ def test_they_are_those_of_runs_without_the_runs(ready):
         assert size > 0.0 or name.endswith("force"), name
 
 
+def test_many_starts_need_no_runs_in_a_fit_either(ready):
+    record = ready.records[0]
+    free = {s.name: 1.0 for s in ready.model.states()}
+    ready = replace(ready, records=(replace(record, start=replace(record.start, sd=free)),))
+    request = replace(asked(ready), candidates=(), input_changes=())
+    before = ready.model.simulations
+    (found,) = ready.model.sensitivities([request])
+    assert ready.model.simulations - before <= 3
+    (exact,) = difference_sensitivities(ready.model, [request])
+    np.testing.assert_allclose(found.d_theta, exact.d_theta)
+    for k in range(4):
+        gap = np.linalg.norm(found.d_starts[..., k] - exact.d_starts[..., k])
+        assert gap < 0.02 * np.linalg.norm(exact.d_starts[..., k])
+
+
 def test_exact_ones_are_made_by_runs(ready):
     request = asked(ready)
     (found,) = ready.model.sensitivities([request])

@@ -48,8 +48,10 @@ from unmodeled.fit.simulator import Simulator
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.
 STEP_ERROR, OF_SPREAD = 0.3, 0.01
-#: Derivatives by fewer numbers are faster by runs.
-FEW = 8
+#: Derivatives by fewer numbers, or by fewer start states, are faster by runs.
+FEW, FEW_STARTS = 8, 3
+#: Samples after which the influence of the starts may have faded, and the share of it that is none.
+BEGINNINGS, FADED = (30, 100, 300), 1e-3
 
 
 class MujocoModel(Simulator):
@@ -205,9 +207,30 @@ class MujocoModel(Simulator):
         for request in requests:
             request.check(self)
         found = {i: s for i, r in enumerate(requests) if (s := self._along(r)) is not None}
-        others = [r for i, r in enumerate(requests) if i not in found]
-        left = iter(difference_sensitivities(self, others))
-        return [found[i] if i in found else next(left) for i in range(len(requests))]
+        left = [i for i in range(len(requests)) if i not in found]
+        starts = {i: by for i in left if (by := self._by_starts(requests[i])) is not None}
+        fewer = [replace(requests[i], by_starts=i not in starts) for i in left]
+        for i, s in zip(left, difference_sensitivities(self, fewer), strict=True):
+            found[i] = replace(s, d_starts=starts[i]) if i in starts else s
+        return [found[i] for i in range(len(requests))]
+
+    def _by_starts(self, request: SensitivityRequest) -> Array | None:
+        """Derivatives by the start states along the motion: there are many, and they fade."""
+        free = [start_in(s, request.record)[1] > 0.0 for s in self._starts]
+        if not request.by_starts or sum(free) < FEW_STARTS:
+            return None
+        values = self._values(np.concatenate([request.theta, request.sizes]), request.included)
+        names, count = [s.name for s in self._starts], request.record.samples
+        out = np.zeros((count, len(self.outputs), len(names)))
+        for end in (*(n for n in BEGINNINGS if n < count), count):
+            run = self._run(request.record.cut(0, end), values, request.start)
+            found = columns_of(self.mjcf, run, (), names, (), self.outputs)
+            if found is None:
+                return None
+            if np.abs(found[-1]).max() < FADED * np.abs(found).max():
+                break
+        out[:end] = found
+        return out
 
     def _along(self, request: SensitivityRequest) -> Sensitivity | None:
         """Derivatives along the motion; None: they are to be those of runs."""

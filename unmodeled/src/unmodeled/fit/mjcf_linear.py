@@ -70,7 +70,7 @@ def columns_of(
         motion = _motion(function, model, data, run)
         if motion is None:
             return None
-        linear = _Linear(model, motion)
+        linear = _Linear(model, motion, driven=bool(inputs))
         pushes = [linear.by_change(function, run, change) for change in changes]
     drives = controls(model)
     driven = np.zeros((run.time.size, model.nu, len(inputs)))
@@ -91,7 +91,7 @@ def columns_of(
 class _Linear:
     """Linearized steps of a motion."""
 
-    def __init__(self, model: Any, motion: _Motion):
+    def __init__(self, model: Any, motion: _Motion, *, driven: bool):
         mj = import_mujoco()
         self.motion, nv = motion, model.nv
         count = min(cores(), 1 + len(motion.begins) // 500)
@@ -108,7 +108,7 @@ class _Linear:
             one, seen, lambda h: self.steps(model, states[at] + h, given[at]),
         )  # fmt: skip
         by_control, self.seen_by_control = self._differences(
-            (model.nu, [SMALL] * model.nu),
+            (model.nu, [SMALL] * model.nu * driven),
             one, seen, lambda h: self.steps(model, states[at], given[at] + h),
         )  # fmt: skip
         self.by_control = self.summed(by_control[:-1])
@@ -126,8 +126,8 @@ class _Linear:
     ) -> tuple[Array, Array]:
         """Derivatives of states after a step and of sensors before it, (g + 1, ., k)."""
         count, steps = sizes
-        by = np.empty((*one.shape, count))
-        seen_by = np.empty((*seen.shape, count))
+        by = np.zeros((*one.shape, count))
+        seen_by = np.zeros((*seen.shape, count))
         for k, h in enumerate(steps):
             after, read = moved(h * np.eye(count)[k])
             by[..., k], seen_by[..., k] = (after - one) / h, (read - seen) / h

@@ -107,9 +107,9 @@ const motions = (data) => {
               left, width: box[2], span, whole };
     const less = (y) => y.map((v, i) => (v === null || c.measured[i] === null ? null : c.measured[i] - v));
     const leaves = [less(c.asis), less(c.with)];
-    const near = leaves[1].filter((v, i) => v !== null && inside(c.t[i])).map(Math.abs);
-    const [a, b] = range([c.measured]);
-    const most = Math.max(...near, 0.1 * (b - a), 1e-12) * 1.1;
+    const largest = (y) => Math.max(0, ...y.filter((v, i) => v !== null && inside(c.t[i])).map(Math.abs));
+    const [a, b] = range([c.measured]), rests = largest(leaves[1]);
+    const most = 1.1 * Math.max(rests, Math.min(largest(leaves[0]), 6 * rests), 0.05 * (b - a), 1e-12);
     panel(svg, [left, height + 54, box[2], rest], c,
           [[leaves[0], COLORS.asis, 1.4, "6 3"], [leaves[1], COLORS.with, 1.4]],
           span, [-most, most], "measured − model", true);
