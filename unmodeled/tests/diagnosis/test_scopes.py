@@ -199,3 +199,80 @@ def test_one_delay_of_all_sensors_is_one_number():
 
 def test_drives_that_are_right_are_not_late():
     assert not told(two_joints())
+
+
+def first_order(drive, seen_of=lambda u, x, t: x, effects=(), offset=0.0):
+    """A first-order store, 0.3 s and 1 V per unit of its input, of three motions.
+
+    ``drive``: what arrives of an input at a time; ``seen_of``: the readings.
+    """
+    rng, time, records = np.random.default_rng(6), np.arange(0.0, 6.0, 0.02), []
+    for k in range(3):
+        u = offset + 5.0 * np.sin((1.3 + 0.6 * k) * time) + np.sign(np.sin(2.1 * time))
+        x, path = offset, []
+        for v, t in zip(u, time, strict=True):
+            path.append(x)
+            arrived = drive(v, t)
+            x = arrived + (x - arrived) * np.exp(-0.02 / 0.3)
+        seen = seen_of(u, np.array(path), time) + 2e-3 * rng.standard_normal(time.size)
+        sensors = {"x": Sensor(name="x", unit="V", sigma=2e-3)}
+        records.append(
+            Record(name=f"r{k}", time=time, inputs={"u": u}, outputs={"x": seen}, sensors=sensors)
+        )
+    store = Equations(
+        lambda t, x, u, p: ((p.gain * (u.u - offset) + offset - x.x) / p.tau,),
+        states={"x": (offset, 1e-3, "V")},
+        parameters={"tau": (0.3, 0.01, "s"), "gain": (1.0, 0.02, "1")},
+        hold="zero",
+        inputs={"u": "V"},
+        outputs={"x": "x"},
+    )
+    return store.diagnose(records, effects=effects)
+
+
+SIGNAL = ("* of input u", "* of sensor x", "* in sensor x")
+
+
+def test_a_dead_zone_about_a_signal_that_never_reaches_zero_has_its_neutral():
+    def valve(u, t):
+        return 12.0 + np.sign(u - 12.0) * max(abs(u - 12.0) - 0.9, 0.0)
+
+    report = first_order(valve, effects=SIGNAL, offset=12.0)
+    (cause,) = report.named
+    assert (cause.subject.kind, cause.subject.fault) == ("input", "dead zone")
+    assert cause.shape == pytest.approx((12.0, 0.9), rel=0.02)
+    assert "a dead zone of ±0.9" in report.summary()
+    assert " about 12" in report.summary()
+
+
+def test_a_gain_that_fades_is_told_by_its_rate():
+    report = first_order(lambda u, t: (1.0 - 0.03 * t) * u, effects=SIGNAL)
+    cause = next(n for n in told(report) if n.subject.kind == "input")
+    assert cause.subject.fault == "gain drift"
+    assert cause.magnitude == pytest.approx(-0.03, abs=1e-3)
+    assert report.summary().startswith("The gain of input u drifts by -0.0")
+
+
+def test_a_zero_that_drifts_is_told_by_its_rate():
+    report = first_order(lambda u, t: u, lambda u, x, t: x + 0.05 * t, effects=SIGNAL)
+    cause = next(n for n in told(report) if n.subject.fault == "zero drift")
+    assert (cause.unit, cause.magnitude) == ("V/s", pytest.approx(0.05, abs=2e-3))
+
+
+def test_a_slow_part_of_an_input_in_a_reading_is_a_store_at_the_output():
+    def seen(u, x, t):
+        slow, out = 0.0, []
+        for v in u:
+            out.append(slow)
+            slow = v + (slow - v) * np.exp(-0.02 / 1.2)
+        return x - 0.1 * np.array(out)
+
+    report = first_order(lambda u, t: u, seen, effects=SIGNAL)
+    (cause,) = report.named
+    assert cause.cause == "slow part of u in sensor x"
+    assert cause.magnitude == pytest.approx(-0.1, abs=0.01)
+    assert cause.shape == pytest.approx(1.2, rel=0.1)
+
+
+def test_a_store_that_is_right_has_no_part_and_no_drift():
+    assert not told(first_order(lambda u, t: u, effects=SIGNAL))

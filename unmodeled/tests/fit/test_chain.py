@@ -24,6 +24,8 @@ SIZES = {
     "dead zone": 0.4,
     "backlash": 0.1,
     "wrap": 1.3,
+    "gain drift": 0.05,
+    "zero drift": 0.2,
 }
 SHAPES = {"nonlinearity": "even", "saturation": 0.5, "dead zone": 0.2}
 

@@ -140,17 +140,32 @@ class Saturation(_Lost):
 
 
 class DeadZone(_Lost):
-    """A signal that acts less within a level of both signs: size 1 is a full dead zone."""
+    """A signal that acts less within a level of both signs: size 1 is a full dead zone.
+
+    The shape is a level about zero, or (neutral, level) for a signal that never reaches zero, such
+    as 4 to 20 mA.
+    """
 
     name = "dead zone"
     input = ("Small inputs do not arrive in full.", "Model the dead zone.")
 
     def part(self, y: Array, shape: Any) -> Array:
-        return np.asarray(np.clip(y, -shape, shape))
+        neutral, level = shape if isinstance(shape, tuple) else (0.0, shape)
+        return np.asarray(np.clip(y - neutral, -level, level))
 
     def fields(self, signal: Signal) -> dict[str, Any]:
         own = super().fields(signal)
-        return {**own, "shapes": tuple(signal.size * f for f in (0.05, 0.2))}
+        low, high = float(np.nanmin(signal.values)), float(np.nanmax(signal.values))
+        if not low * high > 0.0 or low == high:
+            return {**own, "shapes": tuple(signal.size * f for f in (0.05, 0.2))}
+        named = own["shape_names"][0]
+        neutral = [low + f * (high - low) for f in (0.4, 0.6)]
+        levels = [f * (high - low) for f in (0.03, 0.1)]
+        return {
+            **own,
+            "shapes": tuple((n, v) for n in neutral for v in levels),
+            "shape_names": (f"neutral{named.removeprefix('level')}", named),
+        }
 
 
 class Wrap(Fault):

@@ -46,6 +46,7 @@ from unmodeled.library.readings import (
     for_input,
     for_sensor,
     input_fault,
+    part_of,
     sensor_fault,
 )
 
@@ -73,6 +74,7 @@ __all__ = [
     "load_friction",
     "offset_force",
     "overflow",
+    "part_of",
     "polynomial_stiffness",
     "power_outflow",
     "quadratic_friction",

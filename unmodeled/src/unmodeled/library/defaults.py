@@ -24,6 +24,7 @@ from unmodeled.library import (
     for_sensor,
     leak,
     load_friction,
+    part_of,
     power_outflow,
     second_store,
 )
@@ -145,6 +146,17 @@ def _all(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
         if seen:
             widest = max(seen, key=lambda r: float(np.nanstd(r.outputs[name])))
             yield from for_sensor(model.outputs, name, widest)
+            yield from _parts(model, name, widest)
+
+
+def _parts(model: Model, name: str, record: Record) -> Iterator[Effect]:
+    """Parts of other signals in a reading."""
+    long = 0.1 * float(record.time[-1] - record.time[0])
+    for other in (n for n in model.outputs if n != name and n in record.outputs):
+        yield part_of(model.outputs, name, other, record, unit=model.units.get(other, ""))
+    for other in record.inputs:
+        times, unit = (0.3 * long, 3.0 * long), model.units.get(other, "")
+        yield part_of(model.outputs, name, other, record, times, unit=unit)
 
 
 def _typical(values: Array) -> float:

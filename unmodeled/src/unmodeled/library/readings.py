@@ -10,9 +10,11 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.chain import Fault, Link, Signal, fault_of, faults
+from unmodeled.chain.drifts import Part
 from unmodeled.data import Array, Record
 from unmodeled.fit import Effect
 from unmodeled.fit.subject import Scope, Subject, SubjectKind
+from unmodeled.library.forces import product
 
 
 @checked
@@ -183,6 +185,56 @@ def _effect(fault: Fault, signal: Signal, fields: Mapping[str, Any]) -> Effect:
         "unit": fault.unit or signal.unit,
     }
     return Effect(**{**own, **about, **fault.fields(signal), **fields})
+
+
+@checked
+def part_of(
+    outputs: Sequence[str],
+    name: str,
+    other: str,
+    record: Record,
+    times: Sequence[float] = (),
+    *,
+    unit: str = "",
+) -> Effect:
+    """A part of another signal in a reading: cross-talk, or with ``times`` a store at an output.
+
+    reading = y + m w, where w is the other signal, as it was measured, or after a first-order lag.
+
+    Parameters
+    ----------
+    outputs
+        Outputs of the model.
+    name
+        Channel of the sensor.
+    other
+        Another channel, or an input.
+    record
+        Record from whose values the expected magnitude follows.
+    times
+        Time constants of the lag that are tried [s]; (): there is none.
+    unit
+        Unit of the other signal; default: that of the record, or 1.
+    """
+    signal = record.inputs if other in record.inputs else record.outputs
+    unit = unit or record.input_units.get(other) or record.units.get(other) or "1"
+    sizes = [float(np.nanstd(v)) or 1.0 for v in (record.outputs[name], signal[other])]
+    law = "slow part" if times else "part"
+    label = f"a {law} of {other}"
+    return Effect(
+        name=f"{law} of {other} in sensor {name}",
+        component=f"sensor {name}",
+        label=label,
+        subject=Subject("sensor", law, name, f"sensor {name}", label),
+        unit=product((record.sensors[name].unit, 1), (unit, -1)),
+        scale=0.05 * sizes[0] / sizes[1],
+        kind="sensor",
+        observe=Link(Part(other), [list(outputs).index(name)]),
+        shapes=tuple(times) or (None,),
+        shape_names=("time [s]",) * bool(times),
+        mechanism=f"The reading also shows {other}" + (", after a while." if times else "."),
+        remedy="Look for cross-talk, or add a store at this output.",
+    )
 
 
 def clock_rate() -> Effect:

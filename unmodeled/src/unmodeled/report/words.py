@@ -18,6 +18,8 @@ TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters 
 FURTHER = {"up": "higher", "down": "lower", "more": "more", "less": "less", "": "further"}
 #: What errors of a signal with a level take away.
 LOST = {"dead zone": "within it", "saturation": "beyond it"}
+#: What drifts during a record.
+DRIFTS = {"gain drift": "gain", "zero drift": "zero"}
 #: Largest half width of an interval with which a share of a turn is a word, and largest number of
 #: equivalents that a clause names.
 SURE, EQUIVALENTS = 0.1, 2
@@ -141,6 +143,11 @@ def _clause(c: Change) -> str:
         return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
     if about.of_signal and fault == "lag":
         return f"{place} {has} a lag of {size}"
+    if about.of_signal and fault in DRIFTS:
+        drifts = "drifts" if sure else "may drift"
+        return f"the {DRIFTS[fault]} of {about.component} {drifts} by {size}"
+    if about.of_signal and about.label:
+        return f"{place} {has} {about.label}, {size}"
     if about.of_signal or about.kind == "clock":
         if sign := sign_of_delay(c):
             least, most = sorted((sign * c.low, sign * c.high))
@@ -198,12 +205,15 @@ def _clause(c: Change) -> str:
 def _lost(c: Change, fault: str, place: str, share: str) -> str:
     """A dead zone or a saturation: its level, and the share that it takes away unless it is all."""
     *end, level = c.shape if isinstance(c.shape, tuple) else (c.shape,)
+    about = ""
+    if end and not isinstance(end[0], str):
+        about, end = f" about {end[0]:.4g}", []
     unit = c.shape_names[-1].partition("[")[2].removesuffix("]") or "1"
     way = {"highest": "above ", "lowest": "below "}.get("".join(end), "\N{PLUS-MINUS SIGN}")
     level = f"{way}{size_in(float(level), unit)}"
     may = "may have" if c.tier in ("supported", "unsure") else "has"
     less = f", which takes away {share} of what is {LOST[fault]}" if share else ""
-    return f"{place} {may} a {fault} {'' if end else 'of '}{level}{less}"
+    return f"{place} {may} a {fault} {'' if end else 'of '}{level}{about}{less}"
 
 
 def _by_record(c: Change) -> str:
