@@ -21,8 +21,9 @@ from unmodeled.search.score import index_of
 #: Largest number of motions; periods that the chosen part shows, and its smallest number of
 #: samples.
 MOTIONS, PERIODS, SHORTEST = 24, 4, 40
-#: Number of changes up to which all their subsets are simulated; else each one is left out.
-SUBSETS = 4
+#: Number of changes up to which all their subsets are simulated; else each one is left out, of
+#: the first ones.
+SUBSETS, FIRST = 4, 8
 #: Largest number of values of all curves, and smallest number of points of a curve.
 VALUES, FEWEST = 200_000, 100
 #: Square of a residual, in the motion of its channel, above which it counts no more.
@@ -163,7 +164,8 @@ def _asked(
     problem: Problem, best: Fitted, changes: Sequence[Change]
 ) -> tuple[tuple[str, ...], list[tuple[tuple[bool, ...], Point]]]:
     """Names of the changes that a set has, and points of the set with some of them."""
-    own = [(c.name, out) for c in changes if (out := _without(problem, best, c.name)) is not None]
+    outs = ((c.name, _without(problem, best, c.name)) for c in changes)
+    own = [(name, out) for name, out in outs if out is not None][:FIRST]
     count = len(own)
     every = [(True,) * count]
     kept = (
