@@ -33,7 +33,7 @@ from unmodeled.report.figures import (
     waterfall,
 )
 from unmodeled.report.page import page, render_page
-from unmodeled.report.why import why
+from unmodeled.report.why import reasons, why
 from unmodeled.report.words import (
     clause,
     interval,
@@ -527,22 +527,16 @@ def _details(result: Result) -> Iterator[_Section]:
 
 
 def _candidates(result: Result) -> _Section:
-    """All candidates that were fitted, and those that were not."""
-    known = dict(_probabilities(result, least=0.0))
-    k = result.channels.index(result.worst)
-    left: dict[str, float] = {}
-    for s in result.sets:
-        for name in s.causes:
-            left[name] = min(s.residual[k], left.get(name, math.inf))
-    listed = {c.name for first in result.changes for c in (first, *first.equivalents)}
+    """The candidates with a number, and why they are in the answer, or not."""
+    known = [f for f in result.findings if f.fitted or math.isfinite(f.gain)]
     rows = [
-        [name, f"{p:.3f}", percent(result.worst.share(left[name])),
-         "in the answer" if name in listed else "tested"]
-        for name, p in known.items()
-    ]  # fmt: skip
-    rows += [[name, "-", "-", "not fitted"] for name in result.not_tried]
-    head = ("candidate", "probability", f"least left of {result.worst.name}", "")
-    return _Section("Candidates", head=head, rows=rows)
+        [f.cause, f.mark.value if f.mark else "no", f"{f.probability:.3f}", reasons(f)]
+        for f in sorted(known, key=lambda f: (not f.member, -f.probability))
+    ]
+    more = len(result.findings) - len(known)
+    lines = [f"{more} more were not fitted: their gain to first order is small."] if more else []
+    head = ("candidate", "in the answer", "probability", "why, or why not")
+    return _Section("Candidates", lines, head=head, rows=rows)
 
 
 # ---------------------------------------------------------------- the report

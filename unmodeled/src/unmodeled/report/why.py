@@ -43,6 +43,19 @@ def why(f: Finding) -> str:
     f
         Its line of the ledger.
     """
+    head = f"{f.cause[:1].upper()}{f.cause[1:]} is {'' if f.member else 'not '}in the answer"
+    mark = f.mark.value if f.mark else ""
+    return f"{head}{f', marked *{mark}*' if mark else ''}. {reasons(f)}".rstrip()
+
+
+def reasons(f: Finding) -> str:
+    """The rules that hold for a candidate, and its numbers, as sentences.
+
+    Parameters
+    ----------
+    f
+        Its line of the ledger.
+    """
     words = {
         "gain": f"{f.gain:.2g} of log evidence" if math.isfinite(f.gain) else "not computed",
         "same": percent(f.same),
@@ -51,11 +64,7 @@ def why(f: Finding) -> str:
         "credibility": percent(f.credibility),
         "least": percent(f.least_probability),
     }
-    head = f"{f.cause[:1].upper()}{f.cause[1:]} is {'' if f.member else 'not '}in the answer"
-    mark = f.mark.value if f.mark else ""
-    sentences = [f"{head}{f', marked *{mark}*' if mark else ''}."]
-    sentences += [SENTENCES[code].format(**words) for code in f.codes]
-    return " ".join([*sentences, *_numbers(f)])
+    return " ".join([*(SENTENCES[code].format(**words) for code in f.codes), *_numbers(f)])
 
 
 def _numbers(f: Finding) -> list[str]:
