@@ -103,6 +103,10 @@ bool possible(double compression, double duration) {
   return std::isfinite(compression) && std::isfinite(duration) && duration > 0.0;
 }
 
+constexpr double kHitStep = 4e-6;  // longest step of a hit [s]: a hundred in a short contact
+constexpr double kMostSteps = 1e5;
+constexpr double kLeastWay = 1e-15;  // [m]
+
 constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 }  // namespace
@@ -130,6 +134,36 @@ double feltmb_felt_step(feltmb_felt* felt, double compression, double duration) 
 double feltmb_felt_peek(const feltmb_felt* felt, double compression, double duration) {
   return possible(compression, duration) ? felt->path.peek(compression, duration) : kNone;
 }
+double feltmb_felt_hit(feltmb_felt* felt, double mass, double* compression, double* speed,
+                       double duration) {
+  if (!possible(*compression, duration) || !std::isfinite(*speed) || !std::isfinite(mass) ||
+      mass <= 0.0) {
+    return kNone;
+  }
+  const bool free = std::max(*compression, *compression + duration * *speed) <= 0.0;
+  const double steps = free ? 1.0 : std::clamp(std::ceil(duration / kHitStep), 1.0, kMostSteps);
+  const double h = duration / steps, first = *speed;
+  const double energy = 0.5 * mass * first * first + feltmb_felt_energy(felt);
+  for (int i = 0; i < static_cast<int>(steps); ++i) {
+    const feltmb_felt before = *felt;
+    // The speed first: a body that is at rest deep in the felt must come back.
+    *speed -= h * felt->force / mass;
+    double way = h * *speed;
+    feltmb_felt_step(felt, *compression + way, h);
+    // A finite step must not give the felt more than the body has, nor the body more than is left.
+    while (feltmb_felt_energy(felt) > energy && way != 0.0) {
+      *felt = before;
+      way = std::abs(way) > kLeastWay ? 0.5 * way : 0.0;
+      feltmb_felt_step(felt, *compression + way, h);
+    }
+    *compression += way;
+    const double left = std::max(energy - feltmb_felt_energy(felt), 0.0);
+    const double most = std::sqrt(2.0 * left / mass);
+    *speed = std::clamp(*speed, -most, most);
+  }
+  return mass * (first - *speed) / duration;
+}
+
 double feltmb_felt_force(const feltmb_felt* felt) { return felt->force; }
 double feltmb_felt_energy(const feltmb_felt* felt) {
   return felt->law->stored_energy(felt->path.compression(), felt->path.memory());

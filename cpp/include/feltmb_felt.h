@@ -1,4 +1,4 @@
-/* A contact law of feltmb for programs that call C: MATLAB, Julia, Modelica, Fortran.
+/* A contact law of feltmb for programs that call C: MATLAB, Julia, Modelica, Unity, Unreal.
  *
  * One handle is one contact: its law and its memory. Compression > 0 when touching [m], time [s],
  * force > 0 pushes apart [N], energy [J]. No function throws; handles share nothing, so that
@@ -32,6 +32,14 @@ void feltmb_felt_reset(feltmb_felt* felt); /* virgin again */
 double feltmb_felt_step(feltmb_felt* felt, double compression, double duration);
 /* What `step` would return; nothing is moved. */
 double feltmb_felt_peek(const feltmb_felt* felt, double compression, double duration);
+
+/* A body of `mass` > 0 [kg] against the felt for one step of an engine, 1/240 s or so: moves
+ * `compression` [m] and `speed` [m/s, > 0 into the felt] on, in steps of 4 us of its own. After
+ * each call, kinetic energy and energy of the felt together are at most what they were before it,
+ * whatever the step and the mass. Returns the mean force [N]; NaN, and nothing is moved, for a
+ * number that is not possible. For steps below 0.1 ms, call feltmb_felt_step instead. */
+double feltmb_felt_hit(feltmb_felt* felt, double mass, double* compression, double* speed,
+                       double duration);
 
 double feltmb_felt_force(const feltmb_felt* felt);  /* after the last step */
 double feltmb_felt_energy(const feltmb_felt* felt); /* stored, that can be got back */

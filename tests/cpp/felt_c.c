@@ -67,6 +67,15 @@ int main(void) {
   CHECK(feltmb_felt_create("law felt_return_point\nloading 5e3 1e3 0\nunloading 1e3 1e3 0\n"
                            "closing 1e-3\n",
                            message, sizeof message) == NULL);
+  /* A hammer of 9 g in two steps of an engine. */
+  {
+    double x = 0.0, v = 2.0;
+    feltmb_felt_reset(other);
+    CHECK(feltmb_felt_hit(other, 9e-3, &x, &v, 1.0 / 240) > 0.0);
+    feltmb_felt_hit(other, 9e-3, &x, &v, 1.0 / 240);
+    CHECK(x < 0.0 && v < 0.0 && v > -2.0);
+    CHECK(isnan(feltmb_felt_hit(other, 0.0, &x, &v, 1.0 / 240)) && x < 0.0);
+  }
   feltmb_felt_free(felt);
   feltmb_felt_free(other);
   printf("ok: %.6f N\n", top);

@@ -219,12 +219,13 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
     config = action.config
     outputs = file.channels
     faults: list[str] = []
-    tolerances = [
-        e
+    # An entry by its own name, which comes later, takes the place of one for each part of a kind.
+    tolerances = {
+        e.name: e
         for e in _entries(config, file.tolerances, outputs, faults, tolerance=True)
         if e.name not in file.defaults.without_tolerances
-    ]
-    effects = list(_entries(config, file.effects, outputs, faults, tolerance=False))
+    }
+    effects = {e.name: e for e in _entries(config, file.effects, outputs, faults, tolerance=False)}
     until = file.defaults.until
     if until is not None:
         point, _, axis = until.output.rpartition(".")
@@ -239,8 +240,8 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
         raise InvalidParameter(fault_text(path.name, list(dict.fromkeys(faults))))
     return Library(
         name=file.name,
-        tolerances=tuple(tolerances),
-        effects=tuple(effects),
+        tolerances=tuple(tolerances.values()),
+        effects=tuple(effects.values()),
         channels={k: tuple(v) for k, v in outputs.items()},
         default_channels=tuple(file.defaults.channels)
         or tuple(f"{name}.{axis}" for name in config.points for axis in "xy"),

@@ -17,7 +17,7 @@ SAMPLE = (
     "felt_thickness.0[35]", "contact_friction.06", "transition_speed.08", "compliance.shank",
     "damping.wire", "spring_preload.butt_spring", "strap_slack.bridle_strap", "string_impedance",
     "string_damping", "strike_point", "gravity_misalignment", "point_offset_x.hammer_tip",
-    "load_cell_mass", "let_off_button", "backcheck_wire_angle", "hammer_air_drag",
+    "load_cell_mass", "key_lead", "let_off_button", "backcheck_wire_angle", "hammer_air_drag",
 )  # fmt: skip
 
 

@@ -123,6 +123,28 @@ def test_an_with_effects_mechanism_is_one_that_loads():
     assert run.energy["created_by"] == []
 
 
+@pytest.mark.parametrize("name", ["steinway45_leaded", "grand_action"])
+def test_lead_in_the_key_is_a_cause(name):
+    action = feltmb.load_action(name)
+    entry = load_library(action).effect("key_lead")
+    made = action_with_effects(action, [(entry, 0.010, None)])
+    told = action.with_values({"lead": "10 g at 140 mm"})
+    a, b = (static_touch(each) for each in (made, told))
+    assert a.down_weight == pytest.approx(b.down_weight, abs=2e-3)  # the height differs
+    assert a.down_weight < static_touch(action).down_weight - 0.05
+
+
+def test_a_library_replaces_one_entry_of_a_kind_by_its_name():
+    library = load_library(feltmb.load_action("grand_action"))
+    for entries in (library.tolerances, library.effects):
+        assert len({e.name for e in entries}) == len(entries)
+    told = {e.name: e for e in library.tolerances}["joint_friction.hammer"]
+    assert told.part == "The friction of the hammer center"
+    assert told.remedy.startswith("Ease or renew the hammer center")
+    assert library.effect("coulomb_friction.hammer").component == "hammer center"
+    assert library.effect("coulomb_friction.jack").component == "jack joint"
+
+
 def test_a_pivot_that_gives_tends_to_the_ideal_one():
     """Twice the compliance, twice the departure: the limit is the joint as it was."""
     library = load_library(ACTION)

@@ -34,7 +34,10 @@ def library(path):
         function = getattr(made, f"feltmb_felt_{name}")
         function.restype, function.argtypes = number, [handle, number, number]
     made.feltmb_felt_energy.restype, made.feltmb_felt_energy.argtypes = number, [handle]
-    made.feltmb_felt_free.argtypes = [handle]
+    made.feltmb_felt_free.argtypes = made.feltmb_felt_reset.argtypes = [handle]
+    place = ctypes.POINTER(number)
+    made.feltmb_felt_hit.restype = number
+    made.feltmb_felt_hit.argtypes = [handle, number, place, place, number]
     return made
 
 
@@ -51,6 +54,46 @@ def test_the_library_has_the_forces_of_the_law(tmp_path, name):
     assert force == [felt.step(x, 1e-4) for x in e]
     assert made.feltmb_felt_peek(handle, 1e-4, 1e-4) == felt.peek(1e-4, 1e-4)
     assert made.feltmb_felt_energy(handle) == felt.energy
+    made.feltmb_felt_free(handle)
+
+
+@pytest.mark.parametrize("count", [20, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", LAWS)
+def test_a_body_in_steps_of_an_engine_never_gains_energy(tmp_path, name, count):
+    """2000 strokes in all, of 1 to 300 g and 0.05 to 6 m/s, in steps of 1/240 s."""
+    felt, rng = law(name, **LAWS[name]), np.random.default_rng(1)
+    made = library(feltmb.export_felt_c(felt, tmp_path / "c"))
+    handle = made.feltmb_felt_create((tmp_path / "c" / "felt.txt").read_bytes(), None, 0)
+
+    def rebound(mass, speed, step):
+        made.feltmb_felt_reset(handle)
+        x, v = ctypes.c_double(-1e-4), ctypes.c_double(speed)
+        energy = first = 0.5 * mass * speed**2
+        for _ in range(int(0.3 / step)):
+            force = made.feltmb_felt_hit(handle, mass, x, v, step)
+            now = 0.5 * mass * v.value**2 + made.feltmb_felt_energy(handle)
+            assert now <= energy + 1e-12 * first
+            assert force >= 0.0
+            energy = now
+            if x.value < 0.0 and v.value < 0.0:
+                break
+        return -v.value / speed
+
+    coarse = [
+        rebound(*np.exp(rng.uniform(np.log([1e-3, 0.05]), np.log([0.3, 6.0]))), 1 / 240)
+        for _ in range(count)
+    ]
+    assert min(coarse) > 0.3
+    assert max(coarse) < 1.0
+    # As fine as wanted: Newton and Euler in steps of 1 us.
+    felt.reset()
+    x, v = -1e-4, 2.0
+    while not (x < 0.0 and v < 0.0):
+        v -= 1e-6 * felt.step(x, 1e-6) / 0.009
+        x += 1e-6 * v
+    assert rebound(0.009, 2.0, 1 / 240) == pytest.approx(-v / 2.0, abs=0.01)
+    x, v = ctypes.c_double(0.0), ctypes.c_double(np.nan)
+    assert np.isnan(made.feltmb_felt_hit(handle, 1.0, x, v, 1 / 240))
     made.feltmb_felt_free(handle)
 
 
