@@ -2,6 +2,7 @@
 
 import json
 import sqlite3
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,7 @@ from unmodeled.data import ReadOptions
 from unmodeled.data import logs as module
 from unmodeled.data.files import read, read_each
 from unmodeled.data.mapping import Signals
-from unmodeled.data.robots import Joint, Log, Signal
+from unmodeled.data.robots import Joint, Log, Signal, records_of
 from unmodeled.errors import DataError
 
 JOINTS = (Joint("lift", "lift", "rad", -2.0, 2.0), Joint("gripper", "grip", "rad", -0.2, 1.8))
@@ -31,7 +32,7 @@ def same(record, atol=1e-9):
     np.testing.assert_allclose(record.inputs["lift"], GOAL, atol=atol)
     np.testing.assert_allclose(record.outputs["lift.position"], PLACE, atol=atol)
     np.testing.assert_allclose(record.outputs["gripper.position"], -0.2 + 2.0 * HAND, atol=atol)
-    assert record.sensors["lift.position"].unit == "rad"
+    assert record.sensors["lift.position"].unit == record.input_units["lift"] == "rad"
 
 
 # ------------------------------------------------------------------------------------ LeRobot
@@ -138,6 +139,17 @@ def test_a_goal_is_held_until_the_next_one_of_its_own_clock(tmp_path):
     np.testing.assert_array_equal(record.inputs["lift"][1::2], GOAL[: COUNT // 2])
 
 
+def test_a_clock_that_jitters_is_made_even():
+    time = 0.02 * np.arange(COUNT) + 1e-3 * np.sin(np.arange(COUNT))
+    signals = (Signal("lift", "position", time, 3.0 * time, "rad"),
+               Signal("lift", "goal", time, time, "rad"))  # fmt: skip
+    found, _ = records_of(Path("x"), [Log("a", signals)], JOINTS, columns={}, units={})
+    np.testing.assert_allclose(np.diff(found[0].time), np.diff(found[0].time)[0], rtol=1e-9)
+    even = 3.0 * (found[0].time + time[0])
+    np.testing.assert_allclose(found[0].outputs["lift.position"], even, atol=1e-12)
+    assert "interpolated to even ones" in found[0].notes[0]
+
+
 def test_a_file_of_bam_ends_where_the_torque_is_off(tmp_path):
     entries = [
         {"timestamp": 0.005 * k, "position": PLACE[k], "goal_position": GOAL[k], "speed": 0.0,
@@ -150,6 +162,7 @@ def test_a_file_of_bam_ends_where_the_torque_is_off(tmp_path):
     np.testing.assert_array_equal(record.outputs["swing.position"], PLACE[:30])
     assert record.conditions["mass"] == 0.49
     assert "samples 0 to 30 of 40" in record.notes[0]
+    assert [r.name for r in records(tmp_path, joints=[Joint("swing", "servo")])] == ["log"]
     (alone,) = read(path)
     assert (set(alone.inputs), set(alone.outputs)) == ({"xl330.goal"}, {"xl330"})
     del entries[3]["position"]

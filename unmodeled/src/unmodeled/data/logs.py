@@ -179,7 +179,9 @@ _BAM = {"goal_position": ("goal", "rad"), "position": ("position", "rad"),
 
 
 def _bam(path: Path) -> list[Log] | None:
-    """A JSON file with ``entries`` of one servo."""
+    """A JSON file with ``entries`` of one servo, or a folder of them."""
+    if path.is_dir():
+        return [log for p in sorted(path.glob("*.json")) for log in _bam(p) or []] or None
     if path.suffix.lower() != ".json":
         return None
     content = read_json(path)

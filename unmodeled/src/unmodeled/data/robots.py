@@ -15,13 +15,15 @@ from typing import Literal
 
 import numpy as np
 
-from unmodeled.data.records import Array, Record, Sensor
+from unmodeled.data.records import Array, Record, Sensor, evenly_spaced
 from unmodeled.data.tables import plain_name
 from unmodeled.errors import DataError, shortened
 from unmodeled.units import zero_and_factor
 
 #: Units of logs that are a share of the range of a joint: 0 to 100, and -100 to 100.
 PERCENT, RANGE = "0 to 100", "-100 to 100"
+#: Largest change of an interval, as a share of it, at which a clock is made even [1].
+UNEVEN = 3.0
 #: Joints that open and close, whose unit in LeRobot is 0 to 100.
 _GRIPPERS = re.compile(r"grip|jaw|finger", re.IGNORECASE)
 #: Words of a column by what it holds.
@@ -69,6 +71,7 @@ class Joint:
 
     name: str
     actuator: str = ""
+    """Its servo of position; "": there is none, and goals are not used."""
     unit: str = "rad"
     low: float = -math.inf
     high: float = math.inf
@@ -240,6 +243,16 @@ def _record(
     clock = measured[0].time
     begin = max(s.time[0] for s in used) - 1e-3 * float(np.median(np.diff(clock)))
     clock = clock[clock >= begin]
+    notes = list(log.notes)
+    if clock.size > 2 and not evenly_spaced(clock):
+        steps = np.diff(clock)
+        middle = float(np.median(steps))
+        if np.abs(steps - middle).max() < UNEVEN * middle:
+            clock = np.linspace(clock[0], clock[-1], clock.size)
+            notes.append(
+                f"{log.name}: its intervals of {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} "
+                "ms are interpolated to even ones"
+            )
     columns: dict[str, dict[str, Array]] = {"goal": {}, "position": {}}
     sensors, rows = {}, []
     for s in log.signals:
@@ -262,11 +275,14 @@ def _record(
         name=log.name,
         time=clock - clock[0],
         inputs=columns["goal"],
+        input_units={
+            j.actuator: j.unit for j in place.values() if j.unit and j.actuator in columns["goal"]
+        },
         outputs=columns["position"],
         sensors=sensors,
         conditions=log.conditions,
         source=log.source,
-        notes=log.notes,
+        notes=tuple(notes),
     )
     return record, rows
 

@@ -418,11 +418,13 @@ def probe(model: Any, name: str, value: float) -> float:
 
 
 def joints_of(model: Any) -> tuple[Joint, ...]:
-    """Hinges and slides with the actuators that act on them, in their order."""
+    """Hinges and slides with their servos of position, in their order."""
     mj = import_mujoco()
     drives: dict[int, str] = {}
     for i in range(model.nactuator):
-        if int(model.actuator_trntype[i]) == int(mj.mjtTrn.mjTRN_JOINT) and model.actuator(i).name:
+        gain, on_joint = model.actuator_gainprm[i, 0], int(mj.mjtTrn.mjTRN_JOINT)
+        servo = gain != 0.0 and model.actuator_biasprm[i, 1] == -gain
+        if servo and int(model.actuator_trntype[i]) == on_joint and model.actuator(i).name:
             drives.setdefault(int(model.actuator_trnid[i, 0]), model.actuator(i).name)
     found = []
     for i in range(model.njnt):
