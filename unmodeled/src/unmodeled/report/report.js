@@ -24,7 +24,7 @@ const motions = (data) => {
   // Round numbers in an interval.
   const ticks = (low, high, count) => {
     const raw = (high - low) / count, power = 10 ** Math.floor(Math.log10(raw));
-    const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= raw * 0.999);
+    const step = [1, 2, 5, 10].map((f) => f * power).find((s) => s >= raw * 0.7);
     const out = [];
     for (let i = Math.ceil(low / step); i * step <= high; i++) out.push(i * step);
     return [out, Math.max(0, -Math.floor(Math.log10(step) + 1e-9))];
