@@ -11,8 +11,6 @@ of bench (bench/README.md). The page of the viewer needs Chromium.
 from __future__ import annotations
 
 import argparse
-import contextlib
-import io
 import sys
 import tempfile
 from collections.abc import Callable
@@ -21,7 +19,7 @@ from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
-from docs_pages import ROOT, blocks, screenshot, small_png
+from docs_pages import ROOT, screenshot, small_png
 
 FOLDER = ROOT / "docs" / "img"
 
@@ -153,16 +151,6 @@ def actuator_input() -> Any:
     return Study("input").run().figure("timing")
 
 
-def cart_answer() -> Any:
-    """The answer of the first example of unmodeled/README.md."""
-    block = next(b for b in blocks(ROOT / "unmodeled" / "README.md") if b.kind == "python")
-    scope: dict[str, Any] = {}
-    data = ROOT / "unmodeled" / "examples" / "data"
-    with contextlib.chdir(data), contextlib.redirect_stdout(io.StringIO()):
-        exec("\n".join(block.text), scope)
-    return scope["report"].plot("answer")
-
-
 def view_two() -> str:
     """Page of two strokes in the browser, at the impact of the loud one."""
     import feltmb
@@ -183,7 +171,6 @@ PICTURES: dict[str, Callable[[], Any]] = {
         felt_audit_hammer,
         actuator_dampers,
         actuator_input,
-        cart_answer,
         view_two,
     )
 }
