@@ -308,11 +308,25 @@ def load_named(
         running=stated.running,
         notify=complain,
     )
-    return replace(loaded, tell=_show_assigned)
+    return replace(loaded, tell=_Shown())
+
+
+class _Shown:
+    """Prints what the signals of logs became, on stderr: once for files with the same columns."""
+
+    def __init__(self) -> None:
+        self.last: list[tuple[str, ...]] = []
+
+    def __call__(self, path: Path, rows: Sequence[Assigned]) -> None:
+        """Print the table of a file, unless it is that of the file before it."""
+        same = [(r.signal, r.channel, r.unit, r.guessed) for r in rows]
+        if same != self.last:
+            _show_assigned(path, rows)
+        self.last = same
 
 
 def _show_assigned(path: Path, rows: Sequence[Assigned]) -> None:
-    """Print what the signals of a log became, on stderr."""
+    """Print what the signals of a log became."""
     heads = "=signal | =channel | =unit | >samples | >Hz | =guessed"
     cells = [
         (r.signal, r.channel or "(not used)", r.unit, str(r.samples), f"{r.rate:.4g}", r.guessed)
