@@ -315,7 +315,7 @@ class _Shown:
     """Prints what the signals of logs became, on stderr: once for files with the same columns."""
 
     def __init__(self) -> None:
-        self.last: list[tuple[str, ...]] = []
+        self.last: list[tuple[str, str, str, str]] = []
 
     def __call__(self, path: Path, rows: Sequence[Assigned]) -> None:
         """Print the table of a file, unless it is that of the file before it."""
