@@ -276,3 +276,10 @@ def test_a_slow_part_of_an_input_in_a_reading_is_a_store_at_the_output():
 
 def test_a_store_that_is_right_has_no_part_and_no_drift():
     assert not told(first_order(lambda u, t: u, effects=SIGNAL))
+
+
+def test_what_acts_in_a_held_out_record_only_is_told_there():
+    report = model().diagnose(driven(force=[0.0, 0.0, 1.0]), effects=EFFECTS, hold_out=["rec2"])
+    found = {n.subject.fault: n for n in told(report)}
+    assert found["constant force"].magnitude == pytest.approx(1.0, abs=0.01)
+    assert {n.subject.scope.records for n in found.values()} == {("rec2",)}

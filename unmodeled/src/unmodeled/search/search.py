@@ -411,11 +411,41 @@ def with_all_records(
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
         _refit(everything, out, [(s.members, best, ()) for s in smaller], check)
+        _add_held_out_scopes(found, out, best_of(everything, list(out.sets.values())), check)
         without_one(out, best_of(everything, list(out.sets.values())), check)
     except Stop as stop:
         out.ended_by = stop
         _keep_smaller(out)
     return out
+
+
+def _add_held_out_scopes(
+    found: Searched, out: Searched, best: Fitted, check: Callable[[], None]
+) -> None:
+    """Add causes that act in held-out records only, where the best set follows all but these."""
+    problem, everything = found.problem, out.problem
+    left = [
+        float(np.max((x.residual**2).sum(axis=0) / np.maximum(o.samples, 1.0)))
+        for o, x in zip(everything.fit, best.linears, strict=True)
+    ]
+    shown = {o.number for o in problem.fit}
+    own = [v for o, v in zip(everything.fit, left, strict=True) if o.number in shown]
+    others = [v for o, v in zip(everything.fit, left, strict=True) if o.number not in shown]
+    if not others or not max(others) > max(2.0**2, sum(own)):
+        return
+    check()
+    seen = directions(everything, best)
+    ranked = scores(everything, best, seen)
+    new = [s for s in ranked if (r := everything.causes[s.cause].records) and not r & shown]
+    jobs: list[Job] = [(_with(best, s), best, (s,)) for s in new[:4]]
+    fits = [f for f in _refit(everything, out, jobs, check) if f is not None]
+    if not fits:
+        return
+    now = best_of(everything, fits)
+    (cause,) = {*now.causes} - {*best.causes}
+    alike = [s for s, _ in equivalents(everything, now, seen, cause)]
+    found.alike += [frozenset((cause, s.cause)) for s in alike]
+    _refit(everything, out, [(_with(best, s), now, (s,)) for s in alike], check)
 
 
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
