@@ -402,10 +402,10 @@ def stream(
 
     setup, made = labeled_strokes(action, sensor, records, kinds=kinds, seed=seed)
     for record in made:
-        click.echo(setup.stream(record.samples), nl=False)
-        click.echo("# truth: time,speed")
+        say(setup.stream(record.samples), nl=False)
+        say("# truth: time,speed")
         for time, speed in record.truth:
-            click.echo(f"# {time:.6f},{speed:.4f}")
+            say(f"# {time:.6f},{speed:.4f}")
 
 
 @declare("strokes", command, "Write labeled records (Parquet, JSON lines).")

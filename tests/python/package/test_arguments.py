@@ -260,6 +260,7 @@ def model_methods(model):
         "running": {"executor": None, "cache": None, "workers": None},
         "simulate": {"record": record(), "jobs": rows},
         "simulate_all": {"batches": [(record(), rows)]},
+        "doubts": {"batches": [(record(), rows)]},
         "states": {"included": ()},
         "sensitivities": {"requests": [unmodeled.fit.SensitivityRequest(record(), theta, start)]},
         "with_parameters": {"parameters": {p.name: p for p in model.parameters[:1]}},
@@ -1149,6 +1150,16 @@ CALLS = {
         {"record": record()},
     ),
     "unmodeled.Explained.write": None,  # of a mechanism: tests/python/gap/test_cli.py
+    "unmodeled.Report.why": lambda: (report(), {"name": report().findings[0].cause}),
+    "unmodeled.Report.finding": lambda: (report(), {"name": report().findings[0].cause}),
+    "unmodeled.search.result.Result.finding": lambda: (
+        report(),
+        {"name": report().findings[0].cause},
+    ),
+    "unmodeled.Options.matters": lambda: (
+        unmodeled.Options(),
+        {"name": "x", "unit": "m", "compared": 0.1},
+    ),
     "unmodeled.Report.html": lambda: (report(), {"title": "oscillator"}),
     "unmodeled.Report.of": lambda: (unmodeled.Report, {"result": report()}),
     "unmodeled.explained_model": lambda: {

@@ -493,8 +493,14 @@ class Result:
 
         return tuple(sorted(found, key=place))
 
+    @checked
     def finding(self, name: str) -> Finding:
         """The line of the ledger of a candidate.
+
+        Parameters
+        ----------
+        name
+            Name of a candidate.
 
         Raises
         ------
