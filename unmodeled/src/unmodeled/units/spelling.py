@@ -51,8 +51,8 @@ _NAMES = {
     "T": "tesla",
     "km/h": "kmh kph kmph",
     "mi/h": "mph",
-    "A h": "ah",
-    "mA h": "mah",
+    "Ah": "ah",
+    "mAh": "mah",
     PIXEL: "px pixel pixels pix",
 }
 #: Torques as instruments write them; "nm" is a length.
