@@ -30,6 +30,7 @@ from unmodeled.cli.screen import (
     print_json,
     save_figure,
     save_text,
+    say,
     say_written,
     show,
     working,
