@@ -11,6 +11,7 @@ from unmodeled.data import read_record
 from unmodeled.data.mat import mat_variables
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.files import parse_toml
+from unmodeled.search.records import check_records
 
 
 def element(kind, body):
@@ -161,3 +162,10 @@ def test_steps_of_a_clock_with_a_date_are_exact(tmp_path):
     (tmp_path / "a.csv").write_text("time,x\n" + "\n".join(rows))
     time = read_record(tmp_path / "a.csv").time
     np.testing.assert_allclose(np.diff(time), 7e-6, rtol=1e-9)
+
+
+def test_a_channel_of_codes_for_missing_values_alone_is_checked(tmp_path):
+    rows = [f"{k},{1e300 if k < 5 else 2.5}" for k in range(40)]
+    (tmp_path / "a.csv").write_text("time [s],x [m]\n" + "\n".join(rows))
+    told = " ".join(check_records([read_record(tmp_path / "a.csv")]))
+    assert "5 values of 1e+300" in told

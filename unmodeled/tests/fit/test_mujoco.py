@@ -182,6 +182,7 @@ MANY = '<replicate count="1000">{}</replicate>'
         (BOX.format('<option timestep="0" iterations="1000000000"/>', ""),
          "timestep = 0 s, expected at least 1e-09 s; iterations = 1000000000; the limit is 10000"),
         (BOX.format('<option timestep="nan"/>', ""), "timestep = nan s"),
+        (BOX.format('<keyframe><key qpos="1e308"/></keyframe>', ""), r"key_qpos holds 1e\+308"),
         (BOX.format('<option timestep="-1" gravity="0 nan 0"/>', ""),
          "timestep = -1 s, .*; gravity holds nan"),
         (BOX.format("", "<body>" * 5000 + "</body>" * 5000), "more than 300 elements are inside"),

@@ -26,6 +26,8 @@ NUMBERS, COPIES = 100_000_000, 20_000
 #: Largest number of elements inside one another, of joints or actuators, and of iterations of a
 #: solver; shortest time step [s].
 DEEPEST, MOST_PARTS, MOST_ITERATIONS, SHORTEST_STEP = 300, 500, 10_000, 1e-9
+#: Largest position and speed of a start [SI].
+LARGEST_START = 1e100
 ITERATIONS = ("iterations", "ls_iterations", "noslip_iterations", "ccd_iterations",
               "sdf_iterations")  # fmt: skip
 #: Elements whose sizes are numbers that MuJoCo allocates -> the attributes, and the limit.
@@ -97,6 +99,10 @@ def check_compiled(path: Path, model: Any) -> None:
         numbers = np.asarray(getattr(option if name == "gravity" else model, name))
         if numbers.dtype.kind == "f" and np.isnan(numbers).any():
             faults.append(f"{name} holds nan, expected numbers")
+    for name in ("qpos0", "key_qpos", "key_qvel"):
+        most = float(np.max(np.abs(getattr(model, name)), initial=0.0))
+        if not most <= LARGEST_START:
+            faults.append(f"{name} holds {most:g}, expected at most {LARGEST_START:g}")
     if faults:
         raise InvalidParameter(f"{path}: {'; '.join(faults)}")
 

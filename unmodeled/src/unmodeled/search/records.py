@@ -621,6 +621,8 @@ def _numbers(values: Array) -> Iterator[tuple[bool, str]]:
     for extreme in (float(values.max()), float(values.min())):
         same = values == extreme
         rest = values[~same]
+        if not rest.size:  # all others stand for missing values
+            return
         away, width = float(np.min(np.abs(rest - extreme))), float(np.ptp(rest))
         digits = f"{abs(extreme):.9e}".partition("e")[0].replace(".", "").strip("0")
         code = abs(extreme) >= HUGE or CODE.fullmatch(digits)
