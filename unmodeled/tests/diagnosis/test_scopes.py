@@ -67,6 +67,17 @@ def test_a_force_in_one_record_is_told_there():
     assert "in rec1" in report.summary()
 
 
+def test_the_model_of_the_answer_has_what_acts_in_some_records():
+    for given in ({"force": [0.0, 1.0, 0.0]}, {"mass": [2.0, 2.6, 2.0]}):
+        records = driven(**given)
+        report = diagnosed(records)
+        assert [c.records for c in report.model.in_records] == [("rec1",)]
+        assert report.model.in_records[0].name in report.model.left_out
+        for r in records:
+            left = report.model.simulate(r)["x"] - r.outputs["x"]
+            assert np.sqrt(np.mean(left**2)) < 1.3 * report.channels[0].explained
+
+
 def test_a_gain_of_the_input_in_one_record_is_a_class_with_that_of_the_sensor():
     report = diagnosed(driven(gain=[1.0, 1.25, 1.0]))
     found = {n.subject.component: n for n in told(report)}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from html import escape
 from pathlib import Path
@@ -56,6 +56,7 @@ from unmodeled.search.result import (
     Cell,
     Change,
     Finding,
+    NamedCause,
     Place,
     Reason,
     Result,
@@ -771,6 +772,19 @@ class Report(Result):
 
 
 @dataclass(frozen=True, eq=False)
+class InRecords:
+    """A change of the answer that acts in some records only."""
+
+    name: str
+    records: tuple[str, ...]
+    size: float
+    """Magnitude of the effect, or change of the parameter [its unit]."""
+    effect: Candidate | None = None
+    parameter: int = -1
+    """Index of the parameter, if it is one."""
+
+
+@dataclass(frozen=True, eq=False)
 class Explained:
     """A model with fitted parameters and the effects of the answer."""
 
@@ -781,6 +795,8 @@ class Explained:
     magnitudes: Array
     """Magnitudes of the included effects [their units]."""
     provenance: str
+    in_records: tuple[InRecords, ...] = ()
+    """Changes of some records only: a simulation of a record of this name has them."""
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -794,8 +810,9 @@ class Explained:
 
     @property
     def left_out(self) -> tuple[str, ...]:
-        """Effects that are no numbers of the model, such as those of sensors."""
-        return tuple(self.original.numbers(self.theta, self.included, self.magnitudes)[1])
+        """Changes that are no numbers of the model: of sensors, and of some records only."""
+        left = self.original.numbers(self.theta, self.included, self.magnitudes)[1]
+        return (*left, *(c.name for c in self.in_records))
 
     @checked
     def simulate(self, record: Record) -> dict[str, Array]:
@@ -808,8 +825,15 @@ class Explained:
         record
             Record whose inputs drive the model.
         """
+        here = [c for c in self.in_records if record.name in c.records]
+        theta, own = self.theta.copy(), [c for c in here if c.effect is not None]
+        for c in here:
+            if c.effect is None:
+                theta[c.parameter] += c.size
+        included = (*self.included, *(c.effect for c in own if c.effect is not None))
+        magnitudes = np.array([*self.magnitudes, *(c.size for c in own)])
         (record,) = self.original.matched((record,)).records
-        return simulated(self.original, record, self.theta, self.included, self.magnitudes)
+        return simulated(self.original, record, theta, included, magnitudes)
 
     @checked
     def write(self, path: str | Path, *, force: bool = False) -> Path:
@@ -854,6 +878,7 @@ def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> 
     by_name = {e.name: e for e in effects}
     every = (*result.named, *result.supported,
              *(g[0] for g in (*result.classes, *result.small, *result.unsure)))  # fmt: skip
+    some = [n for n in every if n.subject.scope.records]
     told = [n for n in every if n.cause in by_name and same_number(model, by_name[n.cause]) is None]
     return Explained(
         model,
@@ -861,4 +886,20 @@ def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> 
         tuple(Candidate(by_name[n.cause], n.shape) for n in told),
         np.array([n.magnitude for n in told]),
         f"unmodeled diagnose of {', '.join(result.records)}",
+        tuple(c for n in some if (c := _in_records(model, by_name, n)) is not None),
     )
+
+
+def _in_records(model: Model, effects: Mapping[str, Effect], n: NamedCause) -> InRecords | None:
+    """A cause of some records; None: it is no part of the model."""
+    scope = n.subject.scope
+    law = n.cause.removesuffix(scope.where)
+    names = [p.name for p in model.parameters]
+    if law in names and law not in effects:
+        return InRecords(n.cause, scope.records, n.magnitude, parameter=names.index(law))
+    if law not in effects:
+        return None
+    index = same_number(model, effects[law])
+    if index is not None:
+        return InRecords(n.cause, scope.records, n.magnitude, parameter=index)
+    return InRecords(n.cause, scope.records, n.magnitude, Candidate(effects[law], n.shape))
