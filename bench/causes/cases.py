@@ -28,6 +28,7 @@ from unmodeled import Options, Record, Sensor
 from unmodeled.data import read_record, write_record
 from unmodeled.loading import load_model
 from unmodeled.report.case import FORMAT, VERSION, _numbers_of, as_stored, sha256_of, versions
+from unmodeled.report.stored import Stored
 from unmodeled.verification import _model_again
 
 __all__ = ["SETS", "Case", "opened", "sealed", "truth_of", "write"]
@@ -126,7 +127,15 @@ def opened(folder: Path) -> tuple[Any, tuple[Any, ...], tuple[Record, ...]]:
         read_record(folder / r["file"], inputs=r["inputs"], outputs=r["outputs"])
         for r in case["records"]
     )
-    return (*_model_again(folder, case, "", records), records)
+    return (
+        *_model_again(
+            folder,
+            Stored(**{k: v for k, v in case.items() if k in Stored.model_fields}),
+            "",
+            records,
+        ),
+        records,
+    )
 
 
 def truth_of(folder: Path) -> tuple[Truth, str]:

@@ -411,7 +411,7 @@ def test_measured_curves_are_shown_in_the_units_of_the_run(tmp_path, forte):
     [
         ("", ["expected a header"]),
         ("a,b\n1,2\n2,3\n", ["expected a column time [s]; there are a, b"]),
-        ("time [ms],b,b\n1,2,3\n2,3,4\n", ["a column is named twice (time, b, b)"]),
+        ("time [ms],b,b\n1,2,3\n2,3,4\n", ["there is no curve"]),  # of one name
         (
             "time [mm],b [mm]\n1,x\n2,2\n3\n4,4\n",
             ["line 2: b = 'x'", "line 4: 1 cells", "time: unit 'mm'"],

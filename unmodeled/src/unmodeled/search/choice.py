@@ -26,6 +26,9 @@ from unmodeled.search.search import Searched, linked, rank, with_all_records, wi
 #: Number of sets that are fitted to all records; probability, or odds to the best one, below which
 #: a set is not possible.
 PREDICTED, UNLIKELY = 8, 1e-3
+#: Number of single causes that are fitted to all records, however probable: a larger set may follow
+#: the fitted records better, and predict the others worse.
+SINGLE = 4
 #: Probability of a set above which the sets without one of its members are fitted.
 POSSIBLE = 0.01
 #: Probability of the differences of a magnitude between records below which they are real.
@@ -143,7 +146,9 @@ def _with_held_out(
         some |= {
             s.causes: s for s, w in zip(ranked[:PREDICTED], weight, strict=False) if w > UNLIKELY
         }
-    best = rank(problem, sets)[0][0]
+    ranked = rank(problem, sets)[0]
+    some |= {s.causes: s for s in [s for s in ranked if len(s.causes) == 1][:SINGLE]}
+    best = ranked[0]
     for s in sets:  # what was exchanged for members of the best set
         apart = {*s.causes} ^ {*best.causes}
         if len(apart) == 2 and apart <= linked(searched.alike, min(apart)):

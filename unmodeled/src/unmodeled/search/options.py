@@ -36,7 +36,7 @@ class Options:
     then: Sequence[str] = ()
     """Names of the records after a change of the machine: what acts in some records acts in these;
     (): in one record, the first or the last ones."""
-    tries: int = 10
+    tries: int = 9
     """Number of effects that are fitted together with a set in each round, and of pairs [1]."""
 
     tolerances: Tolerances = "auto"
