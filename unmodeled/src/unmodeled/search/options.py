@@ -45,7 +45,15 @@ class Options:
     records decide."""
 
     def matters(self, name: str, unit: str, compared: float) -> float:
-        """Residual of an output from which on it matters [unit of the output]."""
+        """Residual of an output from which on it matters [unit of the output].
+
+        Parameters
+        ----------
+        name, unit
+            The output and its unit; ``good_enough`` may state either.
+        compared
+            Size of the motion whose share decides otherwise [unit of the output].
+        """
         return self.good_enough.get(name, self.good_enough.get(unit, GOOD_ENOUGH * compared))
 
     def __post_init__(self) -> None:
