@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# The same set-up as run.sh, then formatting, lint, types, every test in C++ and Python, and the site:
+# The same set-up as run.sh, then formatting, lint, types, every test in C++ and Python, the site, and the structure:
 #   bash tools/test.sh [--slow] [options of pytest]
 # --slow adds the tests marked slow, runs the notebooks of the site and compiles the benches of speed. Each part runs even when another failed.
 set -euo pipefail
@@ -143,5 +143,7 @@ for tests in unmodeled/tests tests/python; do
   # 5: no test was selected, as by -k.
   [ "$code" -eq 0 ] || [ "$code" -eq 5 ] || status=$code
 done
+printf '\n== structure (tools/house.py)\n'
+python tools/house.py || status=1
 [ "$failures" -eq 0 ] || exit 1
 exit "$status"
