@@ -8,8 +8,9 @@ or fast: with half and with double of it, each diagnosis of the tests that call 
 reads it has the same verdict, names, classes and supported causes. The fastest tests are run, or a
 random choice, up to a limit of time; if none of them diagnoses, they have to pass. NUMBERS: the
 verdicts are the same, but a test of other numbers fails. A *decision* is a number that somebody
-could choose otherwise. A *definition* is no choice: a table of a method or of units, the version of
-a format.
+could choose otherwise. A *limit* refuses a file that would take all memory or time; no diagnosis
+comes near it. A *definition* is no choice: a table of a method or of units, the version of a
+format.
 """
 
 from __future__ import annotations
@@ -56,11 +57,12 @@ DEFINITIONS = {
     "library/forces.py": "FOR_SPEED FOR_COORDINATE",
 }
 DECISIONS = {
-    "search/choice.py": "PREDICTED UNLIKELY SINGLE POSSIBLE SAME WORTH",
+    "search/choice.py": "PREDICTED UNLIKELY SINGLE POSSIBLE WORTH",
     "search/compare.py": "LONGEST_DELAY UNKNOWN_START CORRELATED CERTAIN NEAR_FACTOR TAKES_AWAY "
     "LEAVES LEAVES_CERTAIN DELAY_SPREAD ANY_SIZE",
     "search/evidence.py": "DEGREES CHANCE",
     "search/held_out.py": "MANY SHARED",
+    "search/ledger.py": "SAME",
     "search/linear.py": "NARROW",
     "search/locate.py": "ALIKE",
     "search/problem.py": "RELEASED NARROW SIMULATED STRICT TRUSTED",
@@ -74,13 +76,19 @@ DECISIONS = {
     "search/verdict.py": "CLASS EQUAL ONLY_NOISE",
     "fit/mjcf.py": "STEP_ERROR OF_SPREAD",
     "fit/mjcf_changes.py": "ARMATURE CONTACT",
-    "fit/mjcf_parts.py": "NUMBERS COPIES",
     "fit/noise.py": "AGREES",
     "experiment/information.py": "MAGNITUDES",
     "experiment/planning.py": "LEAST_SHOWN SHARE_OF_SPREAD SHARE_OF_TOLERANCE",
     "library/defaults.py": "TYPICAL FLOW",
     "library/forces.py": "CLEARANCE_SHARPNESS",
 }
+#: Sizes beyond which a file is refused.
+LIMITS = {
+    "fit/fmi.py": "MOST_ENTRIES LARGEST_TEXT",
+    "fit/mjcf_parts.py": "NUMBERS COPIES DEEPEST MOST_PARTS MOST_ITERATIONS SHORTEST_STEP "
+    "LARGEST_START",
+}
+KINDS = {"definition": DEFINITIONS, "decision": DECISIONS, "limit": LIMITS}
 
 
 @dataclass(frozen=True)
@@ -121,11 +129,7 @@ def constants(tree: ast.Module, file: str) -> Iterator[Constant]:
             if not re.fullmatch("_?[A-Z][A-Z0-9_]*", name):
                 continue
             kind = next(
-                (
-                    kind
-                    for kind, table in (("definition", DEFINITIONS), ("decision", DECISIONS))
-                    if name in table.get(own, "").split()
-                ),
+                (kind for kind, table in KINDS.items() if name in table.get(own, "").split()),
                 "numeric",
             )
             found = Constant(file, name, value, kind)

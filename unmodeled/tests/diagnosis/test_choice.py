@@ -10,9 +10,9 @@ import pytest
 
 from unmodeled import Options, Verdict, diagnose
 from unmodeled.search import choice
-from unmodeled.search.choice import SAME, WORTH, Need, choose
+from unmodeled.search.choice import WORTH, Need, choose
 from unmodeled.search.held_out import Predicted, Ratio
-from unmodeled.search.ledger import Mark
+from unmodeled.search.ledger import SAME, Mark
 from unmodeled.search.linear import Point
 from unmodeled.search.progress import Stop
 from unmodeled.search.records import prepare, ready_records

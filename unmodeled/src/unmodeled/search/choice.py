@@ -17,6 +17,7 @@ import numpy as np
 from unmodeled.data import Array
 from unmodeled.search.evidence import Fitted, best_of, log_odds
 from unmodeled.search.held_out import Predicted, Ratio, compare, predict
+from unmodeled.search.ledger import SAME
 from unmodeled.search.options import Options
 from unmodeled.search.problem import STRICT, Problem, spread
 from unmodeled.search.progress import Stop, interrupted
@@ -31,8 +32,6 @@ PREDICTED, UNLIKELY = 8, 1e-3
 SINGLE = 4
 #: Probability of a set above which the sets without one of its members are fitted.
 POSSIBLE = 0.01
-#: Probability of the differences of a magnitude between records below which they are real.
-SAME = 0.01
 #: Log of the ratio of the held-out residuals without and with a member that it must surely exceed.
 WORTH = math.log(1.05)
 

@@ -136,12 +136,14 @@ def _probable(f: Finding) -> bool:
     return f.probability >= f.credibility
 
 
+#: Probability of the differences of a magnitude between records below which they are real.
+SAME = 0.01
 #: The first rule that holds gives the mark; the codes of all that hold are told.
 RULES: tuple[Rule, ...] = (
     # What is not in the answer.
     Rule("not fitted", None, lambda f: not f.member and not f.fitted,
          "its first-order gain is among the smallest"),
-    Rule("differs", None, lambda f: f.left and f.same < 0.01,
+    Rule("differs", None, lambda f: f.left and f.same < SAME,
          "probability of equal sizes in all records below 1 %, by more than what matters"),
     Rule("refused", None, lambda f: f.left and f.refused,
          "held-out residual surely larger with it (95 %)"),

@@ -15,11 +15,11 @@ import numpy as np
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
 from unmodeled.fit.model import Effect, Parameter, UserUnit
-from unmodeled.search.choice import SAME, UNLIKELY, Chosen, Need, choose
+from unmodeled.search.choice import UNLIKELY, Chosen, Need, choose
 from unmodeled.search.evidence import Fitted, log_evidence, log_odds, prior_of, weights
 from unmodeled.search.fit import Start, empty_point, fit_sets
 from unmodeled.search.held_out import HALF, compare
-from unmodeled.search.ledger import Finding, Mark, marked
+from unmodeled.search.ledger import SAME, Finding, Mark, marked
 from unmodeled.search.linear import (
     EvaluationRequest,
     Point,
