@@ -114,6 +114,7 @@ def test_the_best_predicting_set_is_a_rival_of_the_most_probable_one(
     out = Given(everything=Given(sets=sets), predicted=predicted, problem=None, alone=sets[()])
     monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
     monkeypatch.setattr(choice, "best_of", lambda *_: sets[0,])
+    monkeypatch.setattr(choice, "_rival", lambda *_: [sets[rival]])
     monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (now, {}))
     monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: False)
     monkeypatch.setattr(choice, "log_odds", lambda _, one, other: odds)
@@ -123,6 +124,25 @@ def test_the_best_predicting_set_is_a_rival_of_the_most_probable_one(
     )
     choice._pruned_from_all(out, Options(), lambda: None)
     assert out.best.causes == (rival if preferred else (0,))
+
+
+def test_the_rival_is_the_most_probable_set_that_predicts_as_well_as_the_best(monkeypatch):
+    ranked = [fitted(*c) for c in ((0,), (1,), (2,), (3,))]
+    out = Given(problem=None, everything=Given(sets=dict(enumerate(ranked))),
+                predicted={s.causes: object() for s in ranked})  # fmt: skip
+    left = {(0,): 0.0, (1,): -0.02, (2,): -0.9, (3,): -1.0, (): 0.5}
+    monkeypatch.setattr(choice, "rank", lambda *_: (ranked, None))
+
+    def ratio(_, one, other, __):
+        value = left[one] - left[other]
+        return Ratio(value, value - 0.2, value + 0.2)
+
+    monkeypatch.setattr(choice, "_ratio", ratio)
+    assert [s.causes for s in choice._rival(out, ranked[0])] == [(2,)]  # (3,) is not surely better
+    left[3,] = -2.0
+    assert [s.causes for s in choice._rival(out, ranked[0])] == [(3,)]
+    left[2,] = left[3,] = -0.1  # nothing is surely better than the most probable one
+    assert choice._rival(out, ranked[0]) == []
 
 
 def test_a_set_that_predicts_worse_than_the_mean_is_none(monkeypatch):
@@ -142,6 +162,7 @@ def test_a_set_that_predicts_worse_than_the_mean_is_none(monkeypatch):
     out = Given(everything=Given(sets=sets), predicted={}, problem=None, alone=sets[()])
     monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
     monkeypatch.setattr(choice, "best_of", lambda *_: one)
+    monkeypatch.setattr(choice, "_rival", lambda *_: [])
     monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (now, {0: Need(9.0)}))
     monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: True)
     choice._pruned_from_all(out, Options(), lambda: None)

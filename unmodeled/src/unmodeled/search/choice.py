@@ -172,13 +172,10 @@ def _with_held_out(
 
 
 def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -> None:
-    """The best of the sets that remain of the most probable and of the best predicting one."""
+    """The best of the sets that remain of the most probable one and of one that predicts better."""
     _fit_smaller(out, check)
     starts = [best_of(out.problem, list(out.everything.sets.values()))]
-    known = [s for s in out.everything.sets.values() if out.predicted.get(s.causes) is not None]
-    if known:
-        by_prediction = min(known, key=lambda s: _ratio(out, s.causes, (), s).value)
-        starts += [by_prediction] if by_prediction.causes != starts[0].causes else []
+    starts += _rival(out, starts[0])
     found = [_pruned(out, now, options, check) for now in starts]
     best, needs = found[0]
     for rival, other in found[1:]:
@@ -195,12 +192,32 @@ def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -
     out.best, out.needs = best, needs
 
 
+def _rival(out: Chosen, best: Fitted) -> list[Fitted]:
+    """The most probable of the sets that surely predict better, and as well as the best of them."""
+    ranked = rank(out.problem, list(out.everything.sets.values()))[0]
+    known = [s for s in ranked if out.predicted.get(s.causes) is not None]
+    better = [s for s in known if _ratio(out, best.causes, s.causes, s).low > WORTH]
+    if not better:
+        return []
+    least = min(better, key=lambda s: _ratio(out, s.causes, (), s).value)
+    return [s for s in better if _ratio(out, s.causes, least.causes, least).low <= WORTH][:1]
+
+
 def _fit_smaller(out: Chosen, check: Callable[[], None]) -> None:
-    """Fit the sets without one member of a possible set from the parameters of this one."""
+    """Fit the sets without one member of a possible set from the parameters of this one.
+
+    Possible sets whose held-out records are not known yet are predicted.
+    """
     ranked, weight = rank(out.problem, list(out.everything.sets.values()))
-    for s, w in zip(ranked, weight, strict=True):
-        if w > POSSIBLE:
-            without_one(out.everything, s, check)
+    possible = [s for s, w in zip(ranked, weight, strict=True) if w > POSSIBLE]
+    for s in possible:
+        without_one(out.everything, s, check)
+    problem, fitted = out.searched.problem, out.searched.sets
+    if problem.held_out:
+        known = [s.causes for s in possible if s.causes not in out.predicted]
+        new = [fitted[causes] for causes in known if causes in fitted]
+        for f, p in zip(new, predict(problem, new, check), strict=True):
+            out.predicted[f.causes] = p
 
 
 def _sure(options: Options) -> float:
