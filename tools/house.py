@@ -2,7 +2,7 @@
 
     python tools/house.py                  # compares with bench/results/house.json
     python tools/house.py --write          # stores what became better
-    python tools/house.py --reason "WHY"   # stores all, and a reason for what became worse
+    python tools/house.py --reason "WHY"   # stores what became worse too, with its reason
 
 Measures, for each of which less is better, except the examples:
 
@@ -273,21 +273,18 @@ def worse(now: dict[str, float], stored: dict[str, Any]) -> list[tuple[str, floa
 
 
 def kept(now: dict[str, float], stored: dict[str, Any], reason: str | None) -> dict[str, Any]:
-    """What is stored: with a reason all that is now, else what is better."""
+    """What is stored: what is better, and with a reason what is worse."""
     listed = stored["reasons"]
-    if reason:
-        listed = [
-            *listed,
-            *({"measure": m, "from": f, "to": t, "why": reason} for m, f, t in worse(now, stored)),
-        ]
-        return {"measures": now, "reasons": listed}
+    bad = worse(now, stored) if reason else []
+    listed = [*listed, *({"measure": m, "from": f, "to": t, "why": reason} for m, f, t in bad)]
+    told = {m for m, _, _ in bad}
     best = dict(now)
     for measure, limit in stored["measures"].items():
         if measure in now and is_better(measure, now[measure], limit):
             # What was paid back needs no reason, and the old one must not allow it again.
             listed = [r for r in listed if r["measure"] != measure]
-        elif measure in now:
-            best[measure] = limit
+        elif measure in now and measure not in told:
+            best[measure] = limit  # within the room, which does not grow with it
     return {"measures": best, "reasons": listed}
 
 
@@ -295,7 +292,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--root", type=Path, default=ROOT, help="tree that is measured")
     parser.add_argument("--write", action="store_true", help="store what became better")
-    parser.add_argument("--reason", metavar="WHY", help="store all, with a reason for the worse")
+    parser.add_argument("--reason", metavar="WHY", help="store what became worse too")
     options = parser.parse_args()
     path = options.root / STORED
     stored = json.loads(path.read_text("utf-8"))

@@ -58,6 +58,14 @@ def load_action(name_or_path: str | Path) -> Action:
     ------
     InvalidParameter
         The file has faults; all of them are in the message.
+
+    Examples
+    --------
+    A packaged mechanism by its name:
+
+    >>> from feltmb import load_action
+    >>> load_action("steinway45").name
+    'steinway45'
     """
     path = resolve(name_or_path)
     return Action(load_raw(path, resolve), origin=path.name)

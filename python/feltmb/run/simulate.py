@@ -160,6 +160,15 @@ def simulate(
         ``ledger_limit``; ``error.partial`` is the run so far.
     KeyboardInterrupt
         The user interrupted the simulation.
+
+    Examples
+    --------
+    Speed of the hammer at the string [m/s] after a press with 20 N:
+
+    >>> from feltmb import ramp_stroke, simulate
+    >>> run = simulate("steinway45", ramp_stroke(20.0), summary_only=True)
+    >>> round(run.summary["impact_speed"], 2)
+    2.93
     """
     if isinstance(action, str):
         action = load_action(action)

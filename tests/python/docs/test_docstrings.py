@@ -1,5 +1,6 @@
 """Every public function with three or more arguments documents them, as numpydoc has it."""
 
+import doctest
 import inspect
 import re
 import sys
@@ -52,3 +53,28 @@ def test_arguments_are_documented():
 def test_documented_arguments_exist(name):
     known = arguments(FUNCTIONS[name])
     assert [a for a in documented(FUNCTIONS[name]) if a not in known] == []
+
+
+#: Public names with a block ``Examples`` that runs; fewer fail.
+EXAMPLES = 11
+
+
+def test_examples_of_public_functions_and_classes_run():
+    finder, runner = doctest.DocTestFinder(recurse=False), doctest.DocTestRunner()
+    classes = {
+        f"{module}.{item}": value
+        for module, items in offered().items()
+        for item, value in items.items()
+        if inspect.isclass(value)
+    }
+    tests = [
+        test
+        for name, value in {**dict(functions()), **classes}.items()
+        for test in finder.find(value, name, globs={})
+        if test.examples
+    ]
+    said = []
+    for test in tests:
+        runner.run(test, out=said.append)
+    assert len(tests) >= EXAMPLES
+    assert runner.summarize(verbose=False).failed == 0, "".join(said)

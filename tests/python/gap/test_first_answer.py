@@ -100,7 +100,7 @@ def fmu_again(remedy):
     """FMPy holds the input during a step: the steps are short."""
     import fmpy
 
-    (record,) = unmodeled.read("swing_2.csv", inputs=["force"])
+    (record,) = unmodeled.read("swing_1.csv", inputs=["force"])
     names = [("time", float), ("force", float)]
     seen = fmpy.simulate_fmu(
         "pendulum.fmu",
@@ -116,7 +116,7 @@ def fmu_again(remedy):
 def servo_again(remedy):
     import mujoco
 
-    (record,) = unmodeled.read("servo_2.csv", inputs=["servo"])
+    (record,) = unmodeled.read("servo_0.csv", inputs=["servo"])
     model = mujoco.MjModel.from_xml_path(str(remedy or "servo.xml"))
     data, seen = mujoco.MjData(model), []
     for data.ctrl[0] in record.inputs["servo"]:

@@ -96,6 +96,15 @@ def test_what_became_better_is_stored_and_holds(house):
     assert house.run() == 1
 
 
+def test_room_for_lines_does_not_grow_with_a_reason(house):
+    house.judge.write_text(MODULE + "\n" * 100)
+    assert house.run("--reason", "a table") == 0
+    before = json.loads(house.stored.read_text())["measures"]["lines unmodeled.search"]
+    house.judge.write_text(WORSE["unnamed floats"](MODULE) + "\n" * 101)
+    assert house.run("--reason", "a number of a table") == 0
+    assert json.loads(house.stored.read_text())["measures"]["lines unmodeled.search"] == before
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [

@@ -92,6 +92,14 @@ def load_stroke(name_or_path: str | Path) -> Stroke:
         The name is unknown, or a TOML file has faults; all of them are in the message.
     DataError
         A CSV has faults; all of them are in the message, with line numbers.
+
+    Examples
+    --------
+    A packaged stroke, its force at 0.2 s [N]:
+
+    >>> from feltmb import load_stroke
+    >>> float(load_stroke("forte").at(0.2))
+    25.0
     """
     path = params.find(name_or_path, "strokes", "stroke", forms="TOML or CSV")
     return _from_toml(path) if path.suffix == ".toml" else read_stroke_csv(path)

@@ -218,6 +218,14 @@ def ramp_stroke(
         Duration of a run with this stroke [s]; default: until 0.22 s after the ramp.
     oscillation
         Relative amplitude and frequency [Hz] of a factor 1 + a sin(2 pi f t).
+
+    Examples
+    --------
+    20 N within 0.1 s, half of it at 0.1 s:
+
+    >>> from feltmb import ramp_stroke
+    >>> round(float(ramp_stroke(20.0, start=0.05, ramp=0.1).at(0.1)), 6)
+    10.0
     """
     _need(_finite(force), "force", force, "a finite number [N]")
     _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
@@ -305,6 +313,15 @@ def table_stroke(
         Duration of a run with the stroke [s]; default: a while beyond its end.
     name
         Name of the stroke.
+
+    Examples
+    --------
+    Between 0 N at 0 s and 8 N at 0.2 s:
+
+    >>> from feltmb import table_stroke
+    >>> stroke = table_stroke([0.0, 0.2], [0.0, 8.0], interpolation="linear")
+    >>> round(float(stroke.at(0.05)), 6)
+    2.0
     """
     return table_of("force", time, force, interpolation, duration, name)
 
@@ -334,6 +351,15 @@ def motion_stroke(
         angle of the motor's hub.
     interpolation
         Interpolation; default: ``monotone`` for the finger, ``spline`` otherwise.
+
+    Examples
+    --------
+    A finger that goes 10 mm down in 0.1 s, in m:
+
+    >>> from feltmb import motion_stroke
+    >>> stroke = motion_stroke([0.0, 0.1], [0.0, 0.01], interpolation="linear")
+    >>> stroke.kind, stroke.unit, round(float(stroke.at(0.05)), 6)
+    ('motion', 'm', 0.005)
     """
     kinds: dict[str, Kind] = {"finger": "motion", "key": "key_motion", "motor": "motor_motion"}
     if of not in kinds:

@@ -47,6 +47,20 @@ def records_from_frame(
     ------
     DataError
         A column is missing, or has another unit or no numbers.
+
+    Examples
+    --------
+    Two runs in one table, positions in m:
+
+    >>> import pandas as pd
+    >>> from unmodeled import records_from_frame
+    >>> times = [0.0, 0.1, 0.2, 0.0, 0.1, 0.2]
+    >>> frame = pd.DataFrame(
+    ...     {"run": [*"aaabbb"], "time": times, "x": [0.0, 0.1, 0.2, 0.0, 0.2, 0.4]}
+    ... )
+    >>> records = records_from_frame(frame, by="run", outputs=["x"], units={"x": "m"})
+    >>> [record.outputs["x"].tolist() for record in records]
+    [[0.0, 0.1, 0.2], [0.0, 0.2, 0.4]]
     """
     frame = as_frame(frame, "frame")
     names = [str(c) for c in frame.columns]

@@ -50,6 +50,29 @@ def candidates(model: Model, records: Sequence[Record] | Record) -> tuple[Effect
         Model of the machine.
     records
         Measured runs; at least one.
+
+    Examples
+    --------
+    What may be lacking in the equation of a tank whose level [m] was measured:
+
+    >>> import numpy as np
+    >>> from unmodeled import Equations, Record, Sensor, candidates
+    >>> def rates(t, x, u, p):
+    ...     return (-p.outflow * x.level,)
+    >>> tank = Equations(
+    ...     rates, states={"level": "m"}, parameters={"outflow": (0.5, 0.05, "1/s")}
+    ... )
+    >>> time = np.linspace(0.0, 4.0, 41)
+    >>> level = Sensor(name="level", unit="m", sigma=0.001)
+    >>> record = Record(
+    ...     name="empties",
+    ...     time=time,
+    ...     inputs={},
+    ...     outputs={"level": np.exp(-0.5 * time)},
+    ...     sensors={"level": level},
+    ... )
+    >>> sorted({"leak level", "gain of sensor level"} & {e.name for e in candidates(tank, record)})
+    ['gain of sensor level', 'leak level']
     """
     records = (records,) if isinstance(records, Record) else tuple(records)
     matched = model.matched(records)
