@@ -23,6 +23,7 @@ MEMBER = Finding(
 UNLIKELY = replace(MEMBER, probability=0.5, least_probability=0.4)
 #: Each code: a candidate for which it decides, its mark, and the code that it has without the rule.
 CASES = {
+    "stands for": (replace(OUTSIDE, stands_for=("tear",)), None, "less probable"),
     "not fitted": (Finding("wear"), None, "less probable"),
     "differs": (replace(OUTSIDE, left=True, same=1e-6), None, "not needed"),
     "refused": (replace(OUTSIDE, left=True, refused=True), None, "not needed"),
@@ -139,7 +140,8 @@ def test_a_name_that_is_no_candidate_has_one_message_with_the_nearest_names(spri
 def test_the_line_of_each_rule_is_told_in_words(code):
     found = marked(CASES[code][0])
     said = why(found)
-    assert said.startswith(f"Wear is {'' if found.member else 'not '}in the answer")
+    inside = found.member or code == "stands for"
+    assert said.startswith(f"Wear is {'' if inside else 'not '}in the answer")
     assert SENTENCES[code].partition("{")[0] in said
     assert "{" not in said
     assert (f"marked *{found.mark.value}*" in said) if found.mark else ("marked" not in said)

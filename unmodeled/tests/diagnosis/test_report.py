@@ -111,9 +111,9 @@ def report():
 TEXT = """\
 The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231), and either the
 sensor angle is 2.10 ms (1.50 to 2.70) late or the parameter J is 0.02500 kg m^2
-(0.02400 to 0.02600) instead of 0.02: with both, the residual of angle falls
-from 20 % to 2.2 % of its motion. The rest matters: 2.2 % of angle, 11 times the
-noise; 1 % would be good enough.
+(0.02400 to 0.02600) instead of 0.02: with all 3 changes of the list, the
+residual of angle falls from 20 % to 2.2 % of its motion. The rest matters: 2.2
+% of angle, 11 times the noise; 1 % would be good enough.
 
 Changes
 The search ended at its limit of time.
@@ -289,7 +289,7 @@ def test_no_improvement_rounds_to_nothing(report):
                                      report.channels[1]))  # fmt: skip
     said = " ".join(same.summary().split())
     assert "from 20 % to 20 %" not in said
-    assert "with both, 20 % of the motion of angle is left" in said
+    assert "with all 3 changes of the list, 20 % of the motion of angle is left" in said
     worse = replace(same, channels=(replace(c, explained=0.12), report.channels[1]))
     assert "falls" not in worse.summary()
     # In the list, the residuals with and without it are equal: what it takes away is told.

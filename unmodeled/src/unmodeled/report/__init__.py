@@ -174,7 +174,9 @@ def _falls(result: Result, told: Sequence[Change], before: str, after: str) -> s
     """The sentence of what changes and of what is left with all of it."""
     c, rest = result.worst, told[HEADLINE:]
     words = [*(clause(x) for x in told[:HEADLINE]), *_others(rest)]
-    those = {1: "this", 2: "both"}.get(len(told), f"all {len(told)}")
+    count = len(result.changes)  # the residual is that of the whole set
+    those = {1: "this", 2: "both"}.get(count, f"all {count}")
+    those = those if count == len(told) else f"all {count} changes of the list"
     if not math.isfinite(c.tabulated):
         found = f"with {those}, the residual of {c.name} is {after} of its motion"
     elif before == after or c.explained >= c.tabulated:  # another output shows it

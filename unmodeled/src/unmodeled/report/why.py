@@ -14,6 +14,7 @@ SENTENCES = {
     "matters (probability of equal sizes {same}), as that of an imitation does.",
     "refused": "It left the answer: the held-out records are surely predicted worse with it.",
     "not needed": "It left the answer: neither the evidence nor the held-out records need it.",
+    "stands for": "The answer tells it beside {stands_for}: the records do not tell them apart.",
     "less probable": "It was fitted, and another set of causes is more probable.",
     "cut": "The search did not reach its end, or the set without it was not fitted: it is the best "
     "so far, and has no name.",
@@ -43,7 +44,8 @@ def why(f: Finding) -> str:
     f
         Its line of the ledger.
     """
-    head = f"{f.cause[:1].upper()}{f.cause[1:]} is {'' if f.member else 'not '}in the answer"
+    inside = "" if f.member or f.codes[:1] == ("stands for",) else "not "
+    head = f"{f.cause[:1].upper()}{f.cause[1:]} is {inside}in the answer"
     mark = f.mark.value if f.mark else ""
     return f"{head}{f', marked *{mark}*' if mark else ''}. {reasons(f)}".rstrip()
 
@@ -61,6 +63,7 @@ def reasons(f: Finding) -> str:
         "same": percent(f.same),
         "takes": percent(f.takes),
         "equivalents": joined(f.equivalents, "or"),
+        "stands_for": joined(f.stands_for, "or"),
         "credibility": percent(f.credibility),
         "least": percent(f.least_probability),
     }

@@ -72,6 +72,8 @@ class Finding:
     """Whether nothing but the noise of the sensors remains with the set of the answer."""
     equivalents: tuple[str, ...] = ()
     """Causes that the records do not tell apart from it."""
+    stands_for: tuple[str, ...] = ()
+    """Members of the answer from which the records do not tell it."""
     complete: bool = True
     """Whether the search tried all that it would add to the best set."""
     credibility: float = 0.9
@@ -96,7 +98,7 @@ def from_plain(report: Mapping[str, Any]) -> tuple[Finding, ...]:
         numbers = {f.name: float("nan" if row[f.name] is None else row[f.name])
                    for f in fields(Finding) if f.type == "float"}  # fmt: skip
         own |= numbers
-        own |= {k: tuple(row[k]) for k in ("equivalents", "codes")}
+        own |= {k: tuple(row[k]) for k in ("equivalents", "stands_for", "codes")}
         own["held_out"] = None if (g := row["held_out"]) is None else tuple(map(float, g))
         own["mark"] = None if row["mark"] is None else Mark[row["mark"]]
         out.append(Finding(**own))
@@ -141,6 +143,8 @@ SAME = 0.01
 #: The first rule that holds gives the mark; the codes of all that hold are told.
 RULES: tuple[Rule, ...] = (
     # What is not in the answer.
+    Rule("stands for", None, lambda f: not f.member and bool(f.stands_for),
+         "log evidence within 1 of a member of the answer"),
     Rule("not fitted", None, lambda f: not f.member and not f.fitted,
          "its first-order gain is among the smallest"),
     Rule("differs", None, lambda f: f.left and f.same < SAME,
@@ -172,7 +176,7 @@ RULES: tuple[Rule, ...] = (
     Rule("chosen by", Mark.SUPPORTED, lambda f: f.predicts, "the held-out records also chose it"),
 )  # fmt: skip
 #: Number of rules that give a mark; the others are told beside it.
-MARKING = 14
+MARKING = 15
 
 
 def marked(finding: Finding) -> Finding:

@@ -233,6 +233,9 @@ def _findings(
             predicts=need.predicts,
             refused=need.refused,
             same=need.differs,
+            stands_for=tuple(
+                problem.causes[m].name for m, group in answer.groups.items() if i in group
+            ),
             complete=chosen.searched.grown,
             credibility=options.credibility,
         )
