@@ -180,11 +180,14 @@ _BAM = {"goal_position": ("goal", "rad"), "position": ("position", "rad"),
 
 def _bam(path: Path) -> list[Log] | None:
     """A JSON file with ``entries`` of one servo, or a folder of them."""
-    if path.is_dir():
+    if path.is_dir():  # it may hold other files, also damaged ones
         return [log for p in sorted(path.glob("*.json")) for log in _bam(p) or []] or None
     if path.suffix.lower() != ".json":
         return None
-    content = read_json(path)
+    try:
+        content = read_json(path)
+    except DataError:  # another reader tells what is wrong
+        return None
     entries = content.get("entries") if isinstance(content, dict) else None
     if not isinstance(entries, list) or len(entries) < 2 or not isinstance(entries[0], dict):
         return None
