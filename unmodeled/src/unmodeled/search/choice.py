@@ -140,12 +140,9 @@ def _with_held_out(
     """
     problem, sets = searched.problem, list(searched.sets.values())
     some: dict[tuple[int, ...], Fitted] = {(): searched.sets[()]}
-    for trust in (problem, known.problem):
-        ranked, weight = rank(trust, sets)
-        some |= {
-            s.causes: s for s, w in zip(ranked[:PREDICTED], weight, strict=False) if w > UNLIKELY
-        }
-    ranked = rank(problem, sets)[0]
+    (ranked, weight), strict = rank(problem, sets), rank(known.problem, sets)
+    for order, w_of in ((ranked, weight), strict):
+        some |= {s.causes: s for s, w in zip(order[:PREDICTED], w_of, strict=False) if w > UNLIKELY}
     some |= {s.causes: s for s in [s for s in ranked if len(s.causes) == 1][:SINGLE]}
     best = ranked[0]
     for s in sets:  # what was exchanged for members of the best set
