@@ -77,6 +77,13 @@ def test_a_perfect_servo_arm_that_starts_anywhere_has_no_gap(tmp_path):
     assert any("starts where its first samples are" in n for n in found.notes)
 
 
+def test_a_start_of_a_record_is_no_noise_of_the_model(tmp_path):
+    """Both runs that are compared begin where the record begins."""
+    path = arm(tmp_path)
+    ready = unmodeled.mujoco(path).ready([run(path, (0.7, -0.5), goals=wave)])
+    assert not any("same arguments differ" in n for n in ready.notes)
+
+
 def test_a_free_swing_fits_its_start_and_finds_the_damping(tmp_path):
     """A pendulum keeps its start: it is an unknown of each record, within the first samples."""
     path = arm(tmp_path, servos=False)

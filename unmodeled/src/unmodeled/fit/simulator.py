@@ -344,9 +344,8 @@ class Simulator(Model):
         assumed = [] if hasattr(self.function, "values") else in_si(self, self.function, records)
         runner = self._runner
         prior = self._point([p.value for p in self.parameters])
-        first = self._run(records[0], prior)
-        seconds, again = runner.first(first)
         records, begun = self._begun(records)
+        seconds, again = runner.first(self._run(records[0], prior))
         workers = self._means.workers
         if workers != 1 and (workers or seconds > WORTH_A_PROCESS):
             runner.start()
