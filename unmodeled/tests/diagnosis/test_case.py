@@ -231,27 +231,6 @@ def test_a_folder_that_is_no_case_is_told(written, tmp_path, change, said):
         unmodeled.verify(tmp_path / "case")
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")  # petab, with a later pandas
-def test_petab_select_reads_the_sets_of_causes(rig, tmp_path):
-    petab_select = pytest.importorskip("petab_select", reason="reads the files of PEtab Select")
-    model = Simulator(rig.line, parameters=PRIOR, unknown=UNKNOWN)
-    report = model.diagnose(records(), exclude=["sensor*"])
-    report.write(tmp_path / "case")
-    at = tmp_path / "case" / "petab"
-    problem = petab_select.Problem.from_yaml(at / "problem.yaml")
-    shaped = problem.metaparameters["dead_zone_of_input_force"]
-    assert shaped == ["dead_zone_of_input_force_magnitude", "dead_zone_of_input_force_level"]
-    models = petab_select.Models.from_yaml(at / "models.yaml")
-    assert len(models) == len(report.sets)
-    best = petab_select.analyze.get_best(models, criterion=problem.criterion)
-    assert report.sets[0].causes == ("offset",)
-    assert best.get_estimated_parameter_ids() == ["gain", "offset"]
-    assert best.estimated_parameters == pytest.approx({"offset": 0.3}, rel=1e-2)
-    for one, s in zip(models, report.sets, strict=True):
-        found = np.exp(-0.5 * one.get_criterion(problem.criterion))
-        assert found == pytest.approx(max(s.probability, 1e-300), rel=1e-6)
-
-
 def test_the_unit_of_a_user_is_stored():
     """A screw has turns beside its length."""
     screw = Parameter(name="screw", value=0.0, sd=1e-4, user_unit=UserUnit("turn", 1430.0))
@@ -297,7 +276,7 @@ def test_a_folder_is_written_whole_or_stays(report, rig, tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("unmodeled.report.case.write_petab", ctrl_c)
+        patch.setattr("unmodeled.report.case.sha256_of", ctrl_c)
         with pytest.raises(KeyboardInterrupt):
             report.write(at, force=True)
     assert {p: p.read_bytes() for p in at.rglob("*") if p.is_file()} == before

@@ -766,7 +766,7 @@ class Report(Result):
             write_text(new / "report.txt", self.text() + "\n")
             page = write_text(new / "report.html", self.html(title))
             if self.case is not None:
-                self.case.write(new, self)
+                self.case.write(new)
         return at / page.name
 
 

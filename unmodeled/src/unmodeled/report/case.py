@@ -34,10 +34,8 @@ from unmodeled.fit.inclusion import Including
 from unmodeled.fit.mjcf_parts import MJCF, Parts, parts_of
 from unmodeled.fit.model import Candidate, Effect, Model, Origin, Ready
 from unmodeled.lazy import lazy_import
-from unmodeled.report.petab import write_petab
 from unmodeled.report.values import FORMAT, VERSION, as_stored
 from unmodeled.search.options import Options
-from unmodeled.search.result import Result
 
 #: Fields of an effect that are stored: numbers and words, which can be disputed without its code.
 OF_EFFECT = ("scale", "sign", "lower", "upper", "weight", "shapes")
@@ -58,15 +56,13 @@ class Given:
     hold_out: Sequence[str] | str | None
     options: Options
 
-    def write(self, folder: Path, result: Result) -> None:
-        """Write case.json, README.txt, and the folders records, model and petab.
+    def write(self, folder: Path) -> None:
+        """Write case.json, README.txt, and the folders records and model.
 
         Parameters
         ----------
         folder
             New folder with the report.
-        result
-            Result of the diagnosis.
         """
         kept: list[Path] = []
         rows = [self._record(folder, k, kept) for k in range(len(self.records))]
@@ -115,8 +111,6 @@ class Given:
             "not_stored": left,
         }
         text = _readme(folder.name, stored)
-        known = self.model.parameters, self.tested
-        write_petab(folder / "petab", result, *known, force=False)
         kept.append(folder / "report.json")
         stored["sha256"] = {p.relative_to(folder).as_posix(): sha256_of(p) for p in kept}
         whole = json.dumps(stored, indent=1, ensure_ascii=False, allow_nan=False)
@@ -259,7 +253,6 @@ def _readme(folder: str, case: Mapping[str, Any]) -> str:
         "report.html, report.txt, report.json: the answer.",
         "case.json: model with its priors, candidates, options, versions, and hashes of the files.",
         "records/: the measured runs, in SI units. model/: the file of the model, if there is one.",
-        "petab/: the searched sets of causes as files of PEtab Select.",
         "",
         "Repeat it, and compare the numbers:",
         f"    unmodeled verify {folder}{' --model FILE.py:NAME' if left else ''}",
