@@ -36,7 +36,7 @@ from mutate import TESTS, functions_with, name_of, tests_of_functions
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "unmodeled" / "src"
-PLACES = ("search", "fit", "experiment", "library", "diagnosis.py")
+PLACES = ("search", "models", "ode", "fit", "experiment", "library", "diagnosis.py")
 #: Limit of the time of the tests with one constant [s].
 LONGEST = 120
 #: Constants of each file that are no numerics.
@@ -46,11 +46,11 @@ DEFINITIONS = {
     "search/held_out.py": "HALF",
     "search/ledger.py": "RULES MARKING",
     "search/tolerances.py": "OUTSIDE",
-    "fit/compiled.py": "VERSION",
-    "fit/methods.py": "_GAMMA METHODS",
+    "ode/compiled.py": "VERSION",
+    "ode/methods.py": "_GAMMA METHODS",
     "fit/mjcf_changes.py": "ACTUATOR",
     "fit/runs.py": "FORM",
-    "fit/tape.py": "FUNCTIONS ARGUMENTS _COMPOSED _ARRAY_FUNCTIONS",
+    "ode/tape.py": "FUNCTIONS ARGUMENTS _COMPOSED _ARRAY_FUNCTIONS",
     "experiment/information.py": "NAMED",
     "library/balance.py": "DEFLECTIONS MEMORY",
     "library/bouc_wen.py": "AWAY FOR_COORDINATE",

@@ -231,7 +231,9 @@ def measures(root: Path) -> dict[str, float]:
     for limit in (10, 5):
         share = 100 * sum(v > limit for v in values) / max(len(values), 1)
         found[f"share above {limit} [%]"] = round(share, 1)
-    judged = tuple(f"unmodeled.{p}" for p in ("search", "library", "fit", "report"))
+    judged = tuple(
+        f"unmodeled.{p}" for p in ("search", "library", "models", "ode", "fit", "report")
+    )
     found["unnamed floats"] = sum(unnamed(t) for n, t in trees.items() if n.startswith(judged))
     walk = Walk(trees)
     for module, function, value in WALKS:

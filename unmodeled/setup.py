@@ -13,12 +13,12 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_py import build_py
 
 HERE = Path(__file__).resolve().parent
-FIT = HERE / "src" / "unmodeled" / "fit"
+ODE = HERE / "src" / "unmodeled" / "ode"
 
 
 def builder():
     """The module that compiles, loaded without the package and what it needs."""
-    spec = importlib.util.spec_from_file_location("compile", FIT / "compile.py")
+    spec = importlib.util.spec_from_file_location("compile", ODE / "compile.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -30,7 +30,7 @@ class BuildWithTape(build_py):
     def run(self):
         """Copy the files of the package, and compile."""
         super().run()
-        folder = Path(self.build_lib) / "unmodeled" / "fit"
+        folder = Path(self.build_lib) / "unmodeled" / "ode"
         for former in folder.glob("_tape.*"):
             former.unlink()
         if os.environ.get("UNMODELED_PURE"):
@@ -46,7 +46,7 @@ class TaggedWheel(bdist_wheel):
 
     def get_tag(self):
         """Python, ABI and platform."""
-        folder = Path(self.bdist_dir or "") / "unmodeled" / "fit"
+        folder = Path(self.bdist_dir or "") / "unmodeled" / "ode"
         if any(folder.glob("_tape.*")):
             platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
             return "py3", "none", platform

@@ -55,7 +55,7 @@ def _compile_extension():
     """Compile the integrator of equations if it is missing or old, and there is a compiler."""
     import warnings
 
-    from unmodeled.fit import compile, compiled
+    from unmodeled.ode import compile, compiled
 
     if os.environ.get(compiled.OFF):
         return

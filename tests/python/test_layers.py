@@ -14,6 +14,7 @@ HERE = Path(__file__).resolve()
 ROOT = HERE.parents[2]
 
 GROUND = "errors units arguments lazy files figure style tables chain"
+MODELS = f"{GROUND} data models ode"
 MODEL = "errors _core params quantities fiber contact mechanism display"
 RUN = f"{MODEL} run"
 
@@ -51,20 +52,23 @@ MAY_USE = {
         "style": "errors figure",
         "chain": "errors",
         "data": GROUND,
-        "fit": f"{GROUND} data",
-        "library": f"{GROUND} data fit",
-        "search": f"{GROUND} data fit library",
-        "pictures": f"{GROUND} data fit search",
-        "report": f"{GROUND} data fit search pictures",
-        "diagnosis": f"{GROUND} blas data fit library search pictures report",
+        "models": f"{GROUND} data",
+        # The engine of equations: it has never heard of a fit, a search or a diagnosis.
+        "ode": "errors arguments units chain data models",
+        "fit": f"{GROUND} data models ode",
+        "library": f"{MODELS} fit",
+        "search": f"{MODELS} fit library",
+        "pictures": f"{MODELS} fit search",
+        "report": f"{MODELS} fit search pictures",
+        "diagnosis": f"{MODELS} blas fit library search pictures report",
         "apart": "errors search",
-        "verification": f"{GROUND} apart data fit library search report diagnosis loading",
-        "blind": f"{GROUND} blas data fit library search diagnosis",
-        "experiment": f"{GROUND} data fit library search",
-        "loading": f"{GROUND} data fit library search experiment",
-        "__init__": f"{GROUND} data fit library search report experiment diagnosis blind loading "
+        "verification": f"{MODELS} apart fit library search report diagnosis loading",
+        "blind": f"{MODELS} blas fit library search diagnosis",
+        "experiment": f"{MODELS} fit library search",
+        "loading": f"{MODELS} fit library search experiment",
+        "__init__": f"{MODELS} fit library search report experiment diagnosis blind loading "
         "verification",
-        "cli": f"{GROUND} blas data fit library search report experiment diagnosis blind loading "
+        "cli": f"{MODELS} blas fit library search report experiment diagnosis blind loading "
         "__init__",
         "__main__": "cli",
     },

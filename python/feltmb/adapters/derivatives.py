@@ -33,7 +33,7 @@ from feltmb.adapters.simulator import (
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error
 from unmodeled.fit import Candidate, Sensitivity, SensitivityRequest
-from unmodeled.fit.calling import Latest
+from unmodeled.fit.running import Latest
 
 #: Number of points whose derivatives are cached: a score needs more derivatives at the end of a
 #: fit.

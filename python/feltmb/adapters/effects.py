@@ -20,8 +20,8 @@ from unmodeled.arguments import checked
 from unmodeled.chain import Link, fault_of, faults, true_value
 from unmodeled.data import Array, Record
 from unmodeled.fit import Effect, Parameter
-from unmodeled.fit.model import UserUnit
-from unmodeled.fit.subject import Subject
+from unmodeled.models.model import UserUnit
+from unmodeled.models.subject import Subject
 
 
 @checked

@@ -22,7 +22,7 @@ from unmodeled.data import Array, Record, evenly_spaced
 from unmodeled.data.smoothing import LEAST_SAMPLES, smooth_record
 from unmodeled.errors import DataError, Error, InvalidParameter
 from unmodeled.fit import Candidate
-from unmodeled.fit.calling import Latest
+from unmodeled.fit.running import Latest
 
 __all__ = [
     "DISPLACEMENT",

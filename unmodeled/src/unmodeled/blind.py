@@ -20,8 +20,8 @@ from unmodeled.chain import fault_of
 from unmodeled.data import Array, Record
 from unmodeled.diagnosis import diagnose
 from unmodeled.errors import DataError, Error, InvalidParameter
-from unmodeled.fit.model import Candidate, Effect, Model, Ready
 from unmodeled.fit.observe import observe
+from unmodeled.models.model import Candidate, Effect, Model, Ready
 from unmodeled.search.fit import empty_point
 from unmodeled.search.linear import EvaluationRequest, start_states, theta_at
 from unmodeled.search.options import Options

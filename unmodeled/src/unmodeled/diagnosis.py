@@ -13,9 +13,9 @@ from unmodeled.arguments import checked
 from unmodeled.blas import one_thread
 from unmodeled.data import Record
 from unmodeled.fit.measured import untested
-from unmodeled.fit.model import Effect, Model
 from unmodeled.fit.observe import excited
 from unmodeled.library.defaults import chosen_effects
+from unmodeled.models.model import Effect, Model
 from unmodeled.pictures.laws import laws
 from unmodeled.pictures.motions import motions_of
 from unmodeled.report import Report, explained_model

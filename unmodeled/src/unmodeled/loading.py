@@ -160,8 +160,8 @@ class LoadedModel:
         InvalidParameter
             There is no record, or the function of the effects fails.
         """
-        from unmodeled.fit.calling import calling
         from unmodeled.library.defaults import chosen_effects
+        from unmodeled.ode.calling import calling
         from unmodeled.search.records import ready_records
 
         records = tuple(records) or self.planned
@@ -263,7 +263,7 @@ def load_model(
     """
     from unmodeled.fit import fmu, mujoco
     from unmodeled.fit.mjcf_parts import MJCF
-    from unmodeled.fit.model import Origin
+    from unmodeled.models.model import Origin
 
     parameters, unknown, running = parameters or {}, unknown or {}, running or {}
     stem, _, attribute = name.partition(".py:")
@@ -315,8 +315,8 @@ def _from_file(
 ) -> LoadedModel:
     """Model, effects and planned runs of a Python file."""
     from unmodeled.fit import Model
-    from unmodeled.fit.calling import calling
-    from unmodeled.fit.model import Origin
+    from unmodeled.models.model import Origin
+    from unmodeled.ode.calling import calling
 
     names = _executed(path)
     defined = names.get(attribute or "model")

@@ -17,10 +17,10 @@ from unmodeled.files import beside, is_file, is_folder, read_json
 from unmodeled.fit import fmu, mujoco
 from unmodeled.fit.inclusion import including
 from unmodeled.fit.mjcf_parts import MJCF, parts_of
-from unmodeled.fit.model import Candidate, Effect, Model, Parameter
 from unmodeled.fit.simulator import Simulator
 from unmodeled.library.defaults import chosen_effects
 from unmodeled.loading import LoadedModel, load_model
+from unmodeled.models.model import Candidate, Effect, Model, Parameter
 from unmodeled.report.case import OF_EFFECT, file_and_name, sha256_of, versions
 from unmodeled.report.stored import Answer, Stored, StoredCandidate, StoredModel
 from unmodeled.report.values import as_made, made

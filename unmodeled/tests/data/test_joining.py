@@ -7,7 +7,7 @@ import unmodeled
 from unmodeled.cli import main
 from unmodeled.data import Record, Sensor, fit_clocks, join_records, read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.fit.model import prior_jobs
+from unmodeled.models.model import prior_jobs
 from unmodeled.search.compare import join_by_motion
 
 OFFSET, RATE = 1.25, 1.0005

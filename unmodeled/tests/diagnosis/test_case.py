@@ -17,7 +17,7 @@ from unmodeled.cli import main
 from unmodeled.data import read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit.mjcf_parts import parts_of
-from unmodeled.fit.model import Origin, Parameter, UserUnit, prior_jobs
+from unmodeled.models.model import Origin, Parameter, UserUnit, prior_jobs
 from unmodeled.report.case import _copy, _has_effects, sha256_of
 from unmodeled.report.stored import Answer
 from unmodeled.report.values import as_made, as_stored

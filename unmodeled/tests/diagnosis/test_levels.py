@@ -6,7 +6,7 @@ import pytest
 from unmodeled import Equations, Parameter, State, Verdict, candidates, diagnose, library
 from unmodeled.data import Record, Sensor
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit.model import Candidate, Jobs, SensitivityRequest
+from unmodeled.models.model import Candidate, Jobs, SensitivityRequest
 
 MINUTE = 60.0
 VESSEL = Equations(

@@ -13,9 +13,9 @@ import pytest
 
 from unmodeled import Effect, Report, Verdict
 from unmodeled.errors import FileExists
-from unmodeled.fit.model import UserUnit
-from unmodeled.fit.subject import Subject
 from unmodeled.library import for_force_balance
+from unmodeled.models.model import UserUnit
+from unmodeled.models.subject import Subject
 from unmodeled.report.words import clause
 from unmodeled.search.ledger import Finding, marked
 from unmodeled.search.result import (

@@ -9,8 +9,8 @@ from scipy.integrate import solve_ivp
 from unmodeled import diagnose, library
 from unmodeled.chain.times import low_passed
 from unmodeled.data import Record, Sensor
-from unmodeled.fit.model import Candidate, SensitivityRequest
 from unmodeled.fit.observe import observe, observed_sensitivities
+from unmodeled.models.model import Candidate, SensitivityRequest
 
 from ..diagnosis import models
 

@@ -1,6 +1,6 @@
 """What was asked for last is kept, by number or by size."""
 
-from unmodeled.fit.calling import Latest
+from unmodeled.fit.running import Latest
 
 
 def test_the_oldest_goes_first():

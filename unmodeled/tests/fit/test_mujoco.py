@@ -15,7 +15,7 @@ import unmodeled
 from unmodeled.data import Record
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import mjcf_runs
-from unmodeled.fit.calling import Run
+from unmodeled.fit.running import Run
 
 mujoco = pytest.importorskip("mujoco")
 

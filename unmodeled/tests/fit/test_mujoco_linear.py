@@ -8,7 +8,7 @@ import pytest
 import unmodeled
 from unmodeled.data import Record
 from unmodeled.fit.mjcf_runs import Mjcf
-from unmodeled.fit.model import Candidate, SensitivityRequest, difference_sensitivities
+from unmodeled.models.model import Candidate, SensitivityRequest, difference_sensitivities
 
 mujoco = pytest.importorskip("mujoco")
 

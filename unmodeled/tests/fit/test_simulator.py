@@ -25,8 +25,8 @@ from unmodeled import (
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import SensitivityRequest
 from unmodeled.fit.authoring import Candidate, Jobs
-from unmodeled.fit.model import difference_offsets
 from unmodeled.fit.simulator import choose_step, noise_of_function
+from unmodeled.models.model import difference_offsets
 
 ROOT = Path(__file__).resolve().parents[3]
 TIME = np.arange(400) * 5e-3
@@ -185,7 +185,7 @@ def test_processes_give_what_one_process_gives(platform, monkeypatch):
     monkeypatch.syspath_prepend(ROOT)
     if platform == "linux" and sys.platform != "linux":
         pytest.skip("forks")
-    monkeypatch.setattr("unmodeled.fit.calling.sys.platform", platform)
+    monkeypatch.setattr("unmodeled.fit.running.sys.platform", platform)
     jobs = jobs_at([2.0, 0.4], [2.1, 0.4], [2.0, 0.5])
     one = model(workers=1).ready([record()]).model
     two = model(math_function, workers=2).ready([record()]).model
@@ -198,7 +198,7 @@ def math_function(time, inputs, parameters):
 
 
 def test_what_cannot_be_pickled_runs_in_one_process_and_says_so(monkeypatch):
-    monkeypatch.setattr("unmodeled.fit.calling.sys.platform", "darwin")
+    monkeypatch.setattr("unmodeled.fit.running.sys.platform", "darwin")
     ready = model(lambda t, u, p: decay(t, u, p), workers=2).ready([record()])
     assert any("cannot be pickled" in n for n in ready.notes)
     assert np.all(np.isfinite(ready.model.simulate(record(), jobs_at([2.0, 0.4], [2.1, 0.4]))))

@@ -23,9 +23,10 @@ from unmodeled import (
     library,
 )
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit import SensitivityRequest, batch, compile, compiled, step
+from unmodeled.fit import SensitivityRequest
 from unmodeled.fit.authoring import Candidate, Jobs
-from unmodeled.fit.methods import METHODS
+from unmodeled.ode import batch, compile, compiled, step
+from unmodeled.ode.methods import METHODS
 
 MASS = Coordinate(name="mass", position="q", speed="v", inertia="m")
 TIME = 5e-3 * np.arange(121)
@@ -391,7 +392,7 @@ def test_derivatives_are_those_of_complex_steps(backend, substeps):
 
 def test_shapes_and_magnitudes_are_differentiated(backend):
     """Against differences of simulations, for included effects and candidates."""
-    from unmodeled.fit.model import ShapeChange
+    from unmodeled.models.model import ShapeChange
 
     model, record = make_model(substeps=2), make_record()
     slip = library.hysteresis(MASS, scale=0.3, travel=0.02)
@@ -537,7 +538,7 @@ def test_equations_without_inputs_and_with_the_jobs_of_the_guide(backend, sine):
 def test_an_extension_of_another_version_is_told(extension, monkeypatch):
     monkeypatch.setattr(compiled, "VERSION", compiled.VERSION + 1)
     with pytest.warns(
-        RuntimeWarning, match="it is of another version; python -m unmodeled.fit.comp"
+        RuntimeWarning, match="it is of another version; python -m unmodeled.ode.comp"
     ):
         assert compiled.loaded(extension._name) is None
 

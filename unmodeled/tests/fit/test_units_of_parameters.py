@@ -8,8 +8,8 @@ from unmodeled import Options, Record, Sensor
 from unmodeled.cli.models import StatedOptions
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit import Effect, Exposed, Parameter
-from unmodeled.fit.model import prior_jobs
 from unmodeled.loading import load_model
+from unmodeled.models.model import prior_jobs
 from unmodeled.units import ACCEPTED_UNITS
 
 TIME = np.linspace(0.0, 2.0, 60)

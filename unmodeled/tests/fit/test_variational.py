@@ -9,8 +9,8 @@ import pytest
 
 from unmodeled import Coordinate, Effect, Equations, Parameter, Rate, Record, Sensor, State, library
 from unmodeled.fit.authoring import Candidate
-from unmodeled.fit.model import Batch, SensitivityRequest, difference_sensitivities
 from unmodeled.fit.observe import observed_sensitivities
+from unmodeled.models.model import Batch, SensitivityRequest, difference_sensitivities
 
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")
 TRUTH = np.array([1.0, 90.0, 0.0])
@@ -101,7 +101,7 @@ def both(monkeypatch: pytest.MonkeyPatch, model: Equations, requests: list) -> d
     """Differences between the derivatives of the model and differences with small steps."""
     model.difference_step = 1e-4
     with monkeypatch.context() as patch:
-        patch.setattr("unmodeled.fit.model.difference_sensitivities", None)  # it is not needed
+        patch.setattr("unmodeled.models.model.difference_sensitivities", None)  # it is not needed
         ours = observed_sensitivities(model, requests)
     with monkeypatch.context() as patch:
         patch.setattr(Equations, "sensitivities", difference_sensitivities)

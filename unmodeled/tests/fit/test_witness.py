@@ -12,7 +12,8 @@ import pytest
 
 from unmodeled import Effect, Equations, Record, Sensor
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit import Candidate, Jobs, Named, compile, compiled, step
+from unmodeled.fit import Candidate, Jobs, Named
+from unmodeled.ode import compile, compiled, step
 
 TIME = 0.02 * np.arange(16)
 FORCE = 0.6 + np.sin(9.0 * TIME)

@@ -36,8 +36,8 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record, Sensor
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit.measured import untested
-from unmodeled.fit.model import Effect, Jobs, Model
 from unmodeled.fit.observe import machine_candidates, observe_all
+from unmodeled.models.model import Effect, Jobs, Model
 from unmodeled.search.evidence import Fitted, precision, prior_of, system
 from unmodeled.search.fit import empty_point
 from unmodeled.search.linear import (

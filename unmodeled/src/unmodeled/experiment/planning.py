@@ -19,7 +19,7 @@ from unmodeled.data import Record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.experiment.information import NAMED, Aim, Belief, Information, Knowledge, Study
 from unmodeled.fit.measured import no_test_of
-from unmodeled.fit.model import Effect, Model
+from unmodeled.models.model import Effect, Model
 from unmodeled.search.records import ready_records
 from unmodeled.search.result import plain
 

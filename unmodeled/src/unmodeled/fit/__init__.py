@@ -1,22 +1,22 @@
 """Models of simulations that can be fitted: parameters with priors, effects, and derivatives."""
 
-from unmodeled.fit.coordinates import Coordinate, Coupling, Rate
-from unmodeled.fit.coordinates import Named as Named
 from unmodeled.fit.equations import Equations
 from unmodeled.fit.fmi import fmu
 from unmodeled.fit.inclusion import Including as Including
 from unmodeled.fit.inclusion import including
 from unmodeled.fit.mjcf import mujoco
-from unmodeled.fit.model import Candidate as Candidate
-from unmodeled.fit.model import Effect, Model, Parameter, State
-from unmodeled.fit.model import EffectKind as EffectKind
-from unmodeled.fit.model import Jobs as Jobs
-from unmodeled.fit.model import Port as Port
-from unmodeled.fit.model import Ready as Ready
-from unmodeled.fit.model import Sensitivity as Sensitivity
-from unmodeled.fit.model import SensitivityRequest as SensitivityRequest
 from unmodeled.fit.priors import Exposed
 from unmodeled.fit.simulator import FunctionModel, LinearModel, Simulator
+from unmodeled.models.coordinates import Coordinate, Coupling, Rate
+from unmodeled.models.coordinates import Named as Named
+from unmodeled.models.model import Candidate as Candidate
+from unmodeled.models.model import Effect, Model, Parameter, State
+from unmodeled.models.model import EffectKind as EffectKind
+from unmodeled.models.model import Jobs as Jobs
+from unmodeled.models.model import Port as Port
+from unmodeled.models.model import Ready as Ready
+from unmodeled.models.model import Sensitivity as Sensitivity
+from unmodeled.models.model import SensitivityRequest as SensitivityRequest
 
 # The other names are for authors of models: unmodeled.fit.authoring.
 __all__ = [

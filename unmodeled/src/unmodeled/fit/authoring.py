@@ -5,9 +5,9 @@ magnitudes of effects and start states. Users of a model need none of these name
 """
 
 from unmodeled.data.records import Array, InputMode, Integers, Reference, Role, evenly_spaced
-from unmodeled.fit.coordinates import Named
 from unmodeled.fit.inclusion import Including
-from unmodeled.fit.model import (
+from unmodeled.models.coordinates import Named
+from unmodeled.models.model import (
     Candidate,
     EffectKind,
     Jobs,

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.fit.coordinates import Coordinate, Coupling, force_unit, has_si_forces
+from unmodeled.models.coordinates import Coordinate, Coupling, force_unit, has_si_forces
 from unmodeled.units import same_unit
 
 Values = Mapping[str, Array]

@@ -14,8 +14,17 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.data.smoothing import noise_of_record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.batch import LONGEST, RECORDS, doubts, sensitivities, simulated
-from unmodeled.fit.coordinates import (
+from unmodeled.fit.couplings import STEP, Found, Slopes, Values, couplings_in
+from unmodeled.fit.noise import Noise
+from unmodeled.fit.priors import (
+    Bounds,
+    Priors,
+    Unknowns,
+    in_si,
+    sized,
+    stated,
+)
+from unmodeled.models.coordinates import (
     Coordinate,
     Coupling,
     Named,
@@ -24,8 +33,7 @@ from unmodeled.fit.coordinates import (
     has_si_forces,
     values_of,
 )
-from unmodeled.fit.couplings import STEP, Found, Slopes, Values, couplings_in
-from unmodeled.fit.model import (
+from unmodeled.models.model import (
     BETWEEN,
     INTERPOLATION,
     Batch,
@@ -42,18 +50,10 @@ from unmodeled.fit.model import (
     prior_jobs,
     start_in,
 )
-from unmodeled.fit.noise import Noise
-from unmodeled.fit.plain import along
-from unmodeled.fit.priors import (
-    Bounds,
-    Priors,
-    Unknowns,
-    in_si,
-    sized,
-    stated,
-)
-from unmodeled.fit.tape import NotTraceable
-from unmodeled.fit.traces import Key, System, Traces, Untrue, arguments, untraced
+from unmodeled.ode.batch import LONGEST, RECORDS, doubts, sensitivities, simulated
+from unmodeled.ode.plain import along
+from unmodeled.ode.tape import NotTraceable
+from unmodeled.ode.traces import Key, System, Traces, Untrue, arguments, untraced
 from unmodeled.units import same_unit, to_si
 
 #: What an output is: a state by its name, its rate, or a function.

@@ -20,9 +20,9 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, message, near_names
 from unmodeled.files import LARGEST_FILE, NPZ_FAULTS, open_input
-from unmodeled.fit.model import Origin
 from unmodeled.fit.priors import Bounds, Priors, Unknowns
 from unmodeled.fit.simulator import Simulator
+from unmodeled.models.model import Origin
 from unmodeled.units import spelled_unit
 
 #: Relative tolerance of model exchange: derivatives are differences of runs, and the integrator

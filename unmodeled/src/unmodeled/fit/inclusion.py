@@ -11,12 +11,12 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit.calling import Means
-from unmodeled.fit.model import (
+from unmodeled.models.model import (
     Batch,
     Candidate,
     Effect,
     Jobs,
+    Means,
     Model,
     Parameter,
     Ready,

@@ -25,7 +25,7 @@ from pathlib import Path
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.fit.inclusion import including
-from unmodeled.fit.model import Effect, Model
+from unmodeled.models.model import Effect, Model
 
 
 @checked

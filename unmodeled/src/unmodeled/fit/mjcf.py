@@ -15,7 +15,6 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
 from unmodeled.files import write_text
-from unmodeled.fit.calling import Run
 from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload, probe
 from unmodeled.fit.mjcf_linear import columns_of
 from unmodeled.fit.mjcf_parts import outside_parts
@@ -31,7 +30,10 @@ from unmodeled.fit.mjcf_start import (
     starts_of,
     unit_of_start,
 )
-from unmodeled.fit.model import (
+from unmodeled.fit.priors import Bounds, Priors, Unknowns, share_of, sized, wanted_change
+from unmodeled.fit.running import Run
+from unmodeled.fit.simulator import Simulator
+from unmodeled.models.model import (
     Candidate,
     Effect,
     Origin,
@@ -42,8 +44,6 @@ from unmodeled.fit.model import (
     difference_sensitivities,
     start_in,
 )
-from unmodeled.fit.priors import Bounds, Priors, Unknowns, share_of, sized, wanted_change
-from unmodeled.fit.simulator import Simulator
 
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.

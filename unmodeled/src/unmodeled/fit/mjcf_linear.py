@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data import Array, evenly_spaced
-from unmodeled.fit.calling import Run, cores
 from unmodeled.fit.mjcf_changes import controls, import_mujoco, quiet
 from unmodeled.fit.mjcf_runs import Mjcf, Player, prepared
+from unmodeled.fit.running import Run, cores
 
 #: Distance of the points at which steps are linearized [s].
 GRID = 0.004

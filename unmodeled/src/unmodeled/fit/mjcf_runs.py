@@ -14,7 +14,6 @@ import numpy as np
 
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.errors import InvalidParameter, near_names
-from unmodeled.fit.calling import Run, cores
 from unmodeled.fit.mjcf_changes import (
     BACKLASH,
     Property,
@@ -28,6 +27,7 @@ from unmodeled.fit.mjcf_changes import (
 )
 from unmodeled.fit.mjcf_parts import check_compiled, outside_parts
 from unmodeled.fit.mjcf_start import set_starts
+from unmodeled.fit.running import Run, cores
 
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.

@@ -11,7 +11,7 @@ import numpy as np
 from unmodeled.data import Array, Record, StartPrior
 from unmodeled.data.smoothing import noise_of_samples
 from unmodeled.fit.mjcf_changes import BACKLASH, import_mujoco
-from unmodeled.fit.model import Jobs, Model, prior_jobs
+from unmodeled.models.model import Jobs, Model, prior_jobs
 
 #: Ends of the names of the start states of a joint.
 POSITION, VELOCITY = ".position", ".velocity"

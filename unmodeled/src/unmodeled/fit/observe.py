@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from unmodeled.chain import Link, fault_of, through
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit.calling import calling
-from unmodeled.fit.model import (
+from unmodeled.models.model import (
     Batch,
     Candidate,
     Jobs,
@@ -23,6 +22,7 @@ from unmodeled.fit.model import (
     difference_offsets,
     difference_sensitivities,
 )
+from unmodeled.ode.calling import calling
 
 
 def machine_candidates(included: tuple[Candidate, ...]) -> tuple[Candidate, ...]:

@@ -19,7 +19,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
-from unmodeled.fit.model import Candidate, Effect, Model, Parameter, prior_jobs
+from unmodeled.models.model import Candidate, Effect, Model, Parameter, prior_jobs
 from unmodeled.units import conversion_factor, same_unit, spelled_unit, stays_beside, to_si
 
 __all__ = [

@@ -17,21 +17,6 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, which_column
-from unmodeled.fit.calling import Means, Run, Runner, calling
-from unmodeled.fit.coordinates import Named
-from unmodeled.fit.model import (
-    Batch,
-    Candidate,
-    Effect,
-    Jobs,
-    Model,
-    Origin,
-    Parameter,
-    Ready,
-    State,
-    check_shapes,
-    difference_offsets,
-)
 from unmodeled.fit.noise import Noise
 from unmodeled.fit.priors import (
     Bounds,
@@ -41,6 +26,23 @@ from unmodeled.fit.priors import (
     sized,
     stated,
 )
+from unmodeled.fit.running import Run, Runner
+from unmodeled.models.coordinates import Named
+from unmodeled.models.model import (
+    Batch,
+    Candidate,
+    Effect,
+    Jobs,
+    Means,
+    Model,
+    Origin,
+    Parameter,
+    Ready,
+    State,
+    check_shapes,
+    difference_offsets,
+)
+from unmodeled.ode.calling import calling
 from unmodeled.units import same_unit
 
 #: Steps that are tried for a parameter; spacing of the values from which the noise of the function

@@ -11,9 +11,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names
-from unmodeled.fit.coordinates import Coordinate, Coupling, Named
 from unmodeled.fit.equations import Equations
-from unmodeled.fit.model import Effect, Model, State, prior_jobs
 from unmodeled.library import (
     constant_rate,
     exchange,
@@ -28,6 +26,8 @@ from unmodeled.library import (
     power_outflow,
     second_store,
 )
+from unmodeled.models.coordinates import Coordinate, Coupling, Named
+from unmodeled.models.model import Effect, Model, State, prior_jobs
 from unmodeled.units import same_unit
 
 #: Share of the values below the typical size of a quantity [1].

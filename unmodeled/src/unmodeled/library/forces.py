@@ -15,7 +15,7 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.fit import Coordinate, Coupling, Effect, Named, State
-from unmodeled.fit.subject import Subject, SubjectKind
+from unmodeled.models.subject import Subject, SubjectKind
 
 #: Coordinate or coupling of two coordinates: the place of a force effect.
 Part = Coordinate | Coupling

@@ -11,7 +11,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import Effect, Named, State
-from unmodeled.fit.subject import Subject
+from unmodeled.models.subject import Subject
 
 
 def _on(state: str, name: str, label: str, **fields: Any) -> Effect:

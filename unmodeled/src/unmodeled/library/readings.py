@@ -13,8 +13,8 @@ from unmodeled.chain import Fault, Link, Signal, fault_of, faults
 from unmodeled.chain.drifts import Part
 from unmodeled.data import Array, Record
 from unmodeled.fit import Effect
-from unmodeled.fit.subject import Scope, Subject, SubjectKind
 from unmodeled.library.forces import product
+from unmodeled.models.subject import Scope, Subject, SubjectKind
 
 
 @checked

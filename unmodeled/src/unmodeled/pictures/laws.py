@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 
 from unmodeled.data import Array, Record
-from unmodeled.fit.coordinates import Coordinate, Coupling, Named
-from unmodeled.fit.model import Candidate, Jobs
 from unmodeled.fit.observe import motion, observe_all
+from unmodeled.models.coordinates import Coordinate, Coupling, Named
+from unmodeled.models.model import Candidate, Jobs
 from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
 from unmodeled.search.evidence import Fitted, effective_share
 from unmodeled.search.held_out import HALF

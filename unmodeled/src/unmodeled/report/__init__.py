@@ -20,7 +20,7 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import make_folder, whole_folder, write_text
-from unmodeled.fit.model import Candidate, Effect, Model
+from unmodeled.models.model import Candidate, Effect, Model
 from unmodeled.pictures.curves import Law, Motions
 from unmodeled.report.figures import (
     answer,

@@ -32,8 +32,8 @@ from unmodeled.files import (
 )
 from unmodeled.fit.inclusion import Including
 from unmodeled.fit.mjcf_parts import MJCF, Parts, parts_of
-from unmodeled.fit.model import Candidate, Effect, Model, Origin, Ready
 from unmodeled.lazy import lazy_import
+from unmodeled.models.model import Candidate, Effect, Model, Origin, Ready
 from unmodeled.report.values import FORMAT, VERSION, as_stored
 from unmodeled.search.options import Options
 

@@ -8,8 +8,8 @@ from dataclasses import fields, is_dataclass
 from typing import Any, TypeVar
 
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.fit.model import Effect, Parameter, UserUnit
 from unmodeled.fit.priors import Exposed
+from unmodeled.models.model import Effect, Parameter, UserUnit
 
 #: Format and version of case.json.
 FORMAT, VERSION = "unmodeled case", 1

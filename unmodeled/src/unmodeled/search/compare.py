@@ -18,11 +18,11 @@ from unmodeled.data import Array, Record, join_records
 from unmodeled.data.joining import align_clocks
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, Error, InvalidParameter
-from unmodeled.fit.model import Candidate, Model, Ready, SensitivityRequest, start_in
 from unmodeled.fit.noise import rms_of_measured
 from unmodeled.fit.observe import observe
 from unmodeled.fit.simulator import Simulator
 from unmodeled.lazy import lazy_import
+from unmodeled.models.model import Candidate, Model, Ready, SensitivityRequest, start_in
 from unmodeled.search.problem import Observed
 from unmodeled.search.records import noise_of_channel, ready_records, wrap_text
 from unmodeled.search.result import Compared, Hint

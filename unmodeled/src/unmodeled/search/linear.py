@@ -12,7 +12,8 @@ import numpy as np
 
 from unmodeled.chain import Link, fault_of, faults, through
 from unmodeled.data import Array
-from unmodeled.fit.model import (
+from unmodeled.fit.observe import machine_candidates, observe_all, observed_sensitivities
+from unmodeled.models.model import (
     Candidate,
     Effect,
     Sensitivity,
@@ -22,7 +23,6 @@ from unmodeled.fit.model import (
     reshaped,
     start_in,
 )
-from unmodeled.fit.observe import machine_candidates, observe_all, observed_sensitivities
 from unmodeled.search.problem import Local, Members, Observed, Problem
 
 #: Derivatives by one scale of an unknown that exceed the motion of the channel so many times count

@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.fit.model import Jobs, Port
 from unmodeled.fit.observe import motion, observe_all
+from unmodeled.models.model import Jobs, Port
 from unmodeled.search.evidence import Fitted, log_evidence, prior_of, system
 from unmodeled.search.fit import noise_left
 from unmodeled.search.linear import (

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data import Array, Record
-from unmodeled.fit.model import Candidate, Effect, Model
-from unmodeled.fit.subject import EVERYWHERE, Scope, Subject, SubjectKind
+from unmodeled.models.model import Candidate, Effect, Model
+from unmodeled.models.subject import EVERYWHERE, Scope, Subject, SubjectKind
 
 #: Expected deviation of a parameter outside its tolerance, in standard deviations of its prior.
 RELEASED = 5.0

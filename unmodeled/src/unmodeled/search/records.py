@@ -18,9 +18,9 @@ from unmodeled.data.smoothing import noise_of_samples
 from unmodeled.data.thinning import thinned
 from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter, near_names
-from unmodeled.fit.model import Effect, Model, Ready, start_in
 from unmodeled.fit.noise import Noise, noise_of, rounding_error
 from unmodeled.library import clock_rate
+from unmodeled.models.model import Effect, Model, Ready, start_in
 from unmodeled.search.options import Options
 from unmodeled.search.problem import (
     UNKNOWN_START,

@@ -17,8 +17,8 @@ import numpy as np
 
 from unmodeled.arguments import AnyNumber, checked
 from unmodeled.data import Array
-from unmodeled.fit.model import UserUnit
-from unmodeled.fit.subject import NOTHING, Subject
+from unmodeled.models.model import UserUnit
+from unmodeled.models.subject import NOTHING, Subject
 from unmodeled.search.ledger import Finding, listed
 
 __all__ = [

@@ -12,8 +12,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit.model import Effect, Parameter
-from unmodeled.fit.subject import Subject
+from unmodeled.models.model import Effect, Parameter
+from unmodeled.models.subject import Subject
 from unmodeled.search.problem import RELEASED, Cause, Problem
 
 

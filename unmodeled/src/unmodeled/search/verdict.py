@@ -14,7 +14,7 @@ import numpy as np
 
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
-from unmodeled.fit.model import Effect, Parameter, UserUnit
+from unmodeled.models.model import Effect, Parameter, UserUnit
 from unmodeled.search.choice import UNLIKELY, Chosen, Need, choose
 from unmodeled.search.evidence import Fitted, log_evidence, log_odds, prior_of, weights
 from unmodeled.search.fit import Start, empty_point, fit_sets

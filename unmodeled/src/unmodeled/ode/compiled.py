@@ -1,6 +1,6 @@
 """The compiled integrator of programs: ``tape.cpp`` as a shared object without dependencies.
 
-It is used if it was compiled, by a package or by ``python -m unmodeled.fit.compile``; otherwise the
+It is used if it was compiled, by a package or by ``python -m unmodeled.ode.compile``; otherwise the
 same programs run in NumPy. Nothing is compiled without being asked.
 """
 
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from unmodeled.fit.program import Program
-from unmodeled.fit.tape import NAMES
+from unmodeled.ode.program import Program
+from unmodeled.ode.tape import NAMES
 
 #: Version of the lists, and number of the operations.
 VERSION = 200 + len(NAMES)
@@ -29,7 +29,7 @@ OFF = "UNMODELED_NO_EXTENSION"
 @functools.cache
 def library() -> Any:
     """The shared object of the package; None: there is none, or it is of another version."""
-    from unmodeled.fit.compile import NAME, SOURCE
+    from unmodeled.ode.compile import NAME, SOURCE
 
     path = SOURCE.with_name(NAME)
     return loaded(path) if path.is_file() and not os.environ.get(OFF) else None
@@ -46,7 +46,7 @@ def loaded(path: Path | str) -> Any:
     except (OSError, AttributeError) as error:
         fault = str(error)
     warnings.warn(
-        f"{Path(path).name} is not used: {fault}; python -m unmodeled.fit.compile makes it anew. "
+        f"{Path(path).name} is not used: {fault}; python -m unmodeled.ode.compile makes it anew. "
         "Until then, simulations run in NumPy, which takes longer",
         RuntimeWarning,
         stacklevel=2,
@@ -95,7 +95,7 @@ def _plan(p: Program) -> _Lists:
 
 
 def run(program: Program, method: Any, substeps: int, lanes: Any) -> Any:
-    """Outputs, derivatives and states by lane, as :func:`unmodeled.fit.step.run`."""
+    """Outputs, derivatives and states by lane, as :func:`unmodeled.ode.step.run`."""
     plan = program.plan = program.plan or _plan(program)
     times, signals = ([of[r] for r in lanes.track] for of in (lanes.times, lanes.signals))
     outputs = [np.empty((len(t), len(program.output))) for t in times]

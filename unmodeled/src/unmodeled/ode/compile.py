@@ -1,4 +1,4 @@
-"""Compiles the integrator of programs: ``python -m unmodeled.fit.compile [FOLDER]``.
+"""Compiles the integrator of programs: ``python -m unmodeled.ode.compile [FOLDER]``.
 
 Only with the standard library, because the build of the wheel runs this file.
 """

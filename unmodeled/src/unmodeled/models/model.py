@@ -23,10 +23,9 @@ from unmodeled.data import Array, InputMode, Record, StartPrior
 from unmodeled.data.robots import Joint
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import check_suffix, write_text
-from unmodeled.fit.calling import Means
-from unmodeled.fit.coordinates import Coordinate, Coupling
-from unmodeled.fit.subject import Subject, subject_of
 from unmodeled.lazy import lazy_import
+from unmodeled.models.coordinates import Coordinate, Coupling
+from unmodeled.models.subject import Subject, subject_of
 
 #: Component name of parameters of the interpolation of inputs between samples.
 INTERPOLATION = "interpolation of inputs"
@@ -469,6 +468,15 @@ class Ready:
     notes: tuple[str, ...] = ()
     """Sentences for the report: parts of the records that are not used, and larger noise of
     sensors."""
+
+
+@dataclass(frozen=True)
+class Means:
+    """Where runs are computed and kept; see :meth:`unmodeled.Model.running`."""
+
+    workers: int | None = None
+    executor: Any = None
+    cache: Path | None = None
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from unmodeled.fit.calling import installed
+from unmodeled.ode.calling import installed
 
 #: Largest number of values that are compared; of further ones, only their identity.
 MOST = 20_000

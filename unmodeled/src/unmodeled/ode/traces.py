@@ -12,11 +12,11 @@ import numpy as np
 
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
-from unmodeled.fit.calling import explained, line_of
-from unmodeled.fit.coordinates import Named, Rate, values_of
-from unmodeled.fit.model import BETWEEN, Candidate, Effect, State
-from unmodeled.fit.reads import Words
-from unmodeled.fit.tape import Kept, Node, NotTraceable, Tape, Traced
+from unmodeled.models.coordinates import Named, Rate, values_of
+from unmodeled.models.model import BETWEEN, Candidate, Effect, State
+from unmodeled.ode.calling import explained, line_of
+from unmodeled.ode.reads import Words
+from unmodeled.ode.tape import Kept, Node, NotTraceable, Tape, Traced
 
 Key = tuple[Any, ...]
 #: Key of the functions of a model, among those of effects.

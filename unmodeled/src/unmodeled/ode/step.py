@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data import Array
-from unmodeled.fit import compiled
-from unmodeled.fit.methods import Method
-from unmodeled.fit.program import Program
-from unmodeled.fit.scalar import MOST, marched
-from unmodeled.fit.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
+from unmodeled.ode import compiled
+from unmodeled.ode.methods import Method
+from unmodeled.ode.program import Program
+from unmodeled.ode.scalar import MOST, marched
+from unmodeled.ode.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
 
 
 @dataclass(frozen=True, eq=False)

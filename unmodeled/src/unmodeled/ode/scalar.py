@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unmodeled.data import Array
-from unmodeled.fit.program import Program
-from unmodeled.fit.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
+from unmodeled.ode.program import Program
+from unmodeled.ode.tape import ARGUMENTS, FUNCTIONS, NAMES, TABLES, Code
 
 if TYPE_CHECKING:
-    from unmodeled.fit.methods import Method
+    from unmodeled.ode.methods import Method
 
 #: Largest number of simulations for which plain numbers are faster than arrays: an operation takes
 #: 0.04 us on a number, and 0.7 us on an array of up to 20.
@@ -67,7 +67,7 @@ def marched(
     Parameters
     ----------
     program, method, substeps
-        As for :func:`unmodeled.fit.step.run`; the method is explicit.
+        As for :func:`unmodeled.ode.step.run`; the method is explicit.
     rates
         The operations of the program on which the rates depend.
     times, signals

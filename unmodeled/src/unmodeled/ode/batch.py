@@ -1,8 +1,8 @@
 """Simulations of equations, and their derivatives, for all jobs of all records together.
 
-Rates, outputs and effects are traced once (:mod:`unmodeled.fit.tape`). The jobs of one kind, which
+Rates, outputs and effects are traced once (:mod:`unmodeled.ode.tape`). The jobs of one kind, which
 have the same effects and the same variables of differentiation, are one program
-(:mod:`unmodeled.fit.program`) and are integrated together (:mod:`unmodeled.fit.step`). What cannot
+(:mod:`unmodeled.ode.program`) and are integrated together (:mod:`unmodeled.ode.step`). What cannot
 be traced runs as functions of Python.
 """
 
@@ -17,9 +17,8 @@ import numpy as np
 
 from unmodeled.chain.splines import Spline
 from unmodeled.data import Array, Record
-from unmodeled.fit.coordinates import Rate
-from unmodeled.fit.methods import METHODS
-from unmodeled.fit.model import (
+from unmodeled.models.coordinates import Rate
+from unmodeled.models.model import (
     Batch,
     Candidate,
     Jobs,
@@ -30,12 +29,13 @@ from unmodeled.fit.model import (
     difference_sensitivities,
     sensitivity_of,
 )
-from unmodeled.fit.plain import Plain
-from unmodeled.fit.program import program_of
-from unmodeled.fit.reads import changed, read_by, written
-from unmodeled.fit.step import Lanes, Runs, plain, run
-from unmodeled.fit.tape import NotTraceable, Traced
-from unmodeled.fit.traces import (
+from unmodeled.ode.methods import METHODS
+from unmodeled.ode.plain import Plain
+from unmodeled.ode.program import program_of
+from unmodeled.ode.reads import changed, read_by, written
+from unmodeled.ode.step import Lanes, Runs, plain, run
+from unmodeled.ode.tape import NotTraceable, Traced
+from unmodeled.ode.traces import (
     OWN,
     Key,
     Part,
@@ -50,7 +50,7 @@ from unmodeled.fit.traces import (
     own_trace,
     untraced_reason,
 )
-from unmodeled.fit.witness import (
+from unmodeled.ode.witness import (
     Motion,
     compare,
     effect_points,

@@ -9,11 +9,11 @@ import numpy as np
 
 from unmodeled.data import Array
 from unmodeled.errors import InvalidParameter, shown
-from unmodeled.fit.calling import calling
-from unmodeled.fit.coordinates import Rate
-from unmodeled.fit.model import BETWEEN, Candidate, Effect, Jobs
-from unmodeled.fit.tape import Traced
-from unmodeled.fit.traces import (
+from unmodeled.models.coordinates import Rate
+from unmodeled.models.model import BETWEEN, Candidate, Effect, Jobs
+from unmodeled.ode.calling import calling
+from unmodeled.ode.tape import Traced
+from unmodeled.ode.traces import (
     OWN,
     Key,
     Part,
@@ -28,7 +28,7 @@ from unmodeled.fit.traces import (
     own_trace,
     port_part,
 )
-from unmodeled.fit.witness import column, equal, word
+from unmodeled.ode.witness import column, equal, word
 
 
 class Each:

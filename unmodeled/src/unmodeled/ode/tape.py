@@ -1,7 +1,7 @@
 """Tracing: functions of the user become lists of operations, with their derivatives.
 
 A function is called once with symbols instead of numbers. Every operation on a symbol is recorded.
-The record, a :class:`Tape`, is evaluated by :mod:`unmodeled.fit.step` without Python, and its
+The record, a :class:`Tape`, is evaluated by :mod:`unmodeled.ode.step` without Python, and its
 derivatives are further operations of the same tape.
 """
 

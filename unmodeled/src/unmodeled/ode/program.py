@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from unmodeled.data import Array
-from unmodeled.fit.coordinates import Rate
-from unmodeled.fit.methods import Method
-from unmodeled.fit.model import BETWEEN, difference_offsets
-from unmodeled.fit.tape import NAMES, TABLES, Code, Fragment, Target, Traced
-from unmodeled.fit.traces import (
+from unmodeled.models.coordinates import Rate
+from unmodeled.models.model import BETWEEN, difference_offsets
+from unmodeled.ode.methods import Method
+from unmodeled.ode.tape import NAMES, TABLES, Code, Fragment, Target, Traced
+from unmodeled.ode.traces import (
     Form,
     Key,
     ProgramKind,

@@ -15,10 +15,10 @@ import numpy as np
 
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, shown
-from unmodeled.fit.calling import explained, line_of
-from unmodeled.fit.model import Candidate, Jobs
-from unmodeled.fit.tape import NotTraceable, Traced
-from unmodeled.fit.traces import Key, Part, System, Untrue, Values, has_state, keys_of
+from unmodeled.models.model import Candidate, Jobs
+from unmodeled.ode.calling import explained, line_of
+from unmodeled.ode.tape import NotTraceable, Traced
+from unmodeled.ode.traces import Key, Part, System, Untrue, Values, has_state, keys_of
 
 #: Number of points at which a function is compared, half of them on motions.
 POINTS = 24

@@ -1,0 +1,1 @@
+"""What a model is: the names that an author of one needs."""

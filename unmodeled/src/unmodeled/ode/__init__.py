@@ -1,0 +1,1 @@
+"""Integration of equations: rates are traced once, many jobs run together with derivatives."""
