@@ -15,7 +15,7 @@ MODULES = (
     "feltmb.fiber",
     "unmodeled.data",
     "unmodeled.fit",
-    "unmodeled.fit.authoring",
+    "unmodeled.models",
     "unmodeled",
     "unmodeled.search.result",
     "unmodeled.library",

@@ -10,8 +10,8 @@ import numpy as np
 
 from unmodeled import Effect, Equations, Parameter, Record, Sensor, State, diagnose
 from unmodeled.experiment import Belief, plan
-from unmodeled.fit.authoring import Candidate
 from unmodeled.fit.observe import observe
+from unmodeled.models import Candidate
 
 model = Equations(
     name="oscillator",

@@ -40,7 +40,7 @@ from feltmb.run.stroke import load_stroke
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record, Sensor
 from unmodeled.errors import DataError, InvalidParameter
-from unmodeled.files import write_text
+from unmodeled.files import check_suffix, write_text
 from unmodeled.fit import (
     Candidate,
     Effect,
@@ -52,6 +52,7 @@ from unmodeled.fit import (
     SensitivityRequest,
     State,
 )
+from unmodeled.models.writing import suffixes, write
 
 #: Magnitudes of no effects.
 NONE = np.zeros(0)
@@ -273,26 +274,6 @@ class MechanismModel(Model):
         """Start and end of the key's motion, and reversal of the hammer, if channels show them."""
         return landmarks(record.time, outputs, self.action.config.reading)
 
-    def write(  # noqa: D102
-        self,
-        path: Path,
-        theta: Array,
-        included: Sequence[Candidate],
-        magnitudes: Array,
-        *,
-        provenance: str = "",
-        force: bool = False,
-    ) -> Path:
-        # The mechanism with these values as TOML.
-        self.check_writing(path)
-        changed = action_of_findings(
-            self.action,
-            self.simulator.chosen(theta, tuple(included), magnitudes),
-            provenance=provenance,
-            besides=[t.name for t in included if not isinstance(t.effect.data, Entry)],
-        )
-        return write_text(path, changed.to_toml(), force=force)
-
     # --- simulations and derivatives --------------------------------------------------------------
 
     def simulate(self, record: Record, jobs: Jobs) -> Array:  # noqa: D102
@@ -327,6 +308,28 @@ class MechanismModel(Model):
         for request in requests:
             request.check(self)
         return self.derivatives.of(requests)
+
+
+@write.register
+def _(
+    model: MechanismModel,
+    path: Path,
+    theta: Array,
+    included: Sequence[Candidate],
+    magnitudes: Array,
+    *,
+    provenance: str = "",
+    force: bool = False,
+) -> Path:
+    # The mechanism with these values as TOML.
+    check_suffix(path, *suffixes(model))
+    changed = action_of_findings(
+        model.action,
+        model.simulator.chosen(theta, tuple(included), magnitudes),
+        provenance=provenance,
+        besides=[t.name for t in included if not isinstance(t.effect.data, Entry)],
+    )
+    return write_text(path, changed.to_toml(), force=force)
 
 
 def varies(parameter: Parameter) -> bool:

@@ -15,8 +15,10 @@ from unmodeled import Options, diagnose
 from unmodeled.data import Record, Sensor
 from unmodeled.data.smoothing import smooth_record
 from unmodeled.errors import DataError, InvalidParameter
+from unmodeled.files import check_suffix
 from unmodeled.fit import Jobs, including
 from unmodeled.loading import load_model
+from unmodeled.models.writing import suffixes, write
 from unmodeled.search.records import prepare, ready_records, split_records
 from unmodeled.search.variation import with_variation
 
@@ -272,9 +274,9 @@ def test_what_was_made_part_of_a_model_is_written_with_it(tmp_path):
     model, effects = resolve("steinway45", {**FEW, "effects": "capstan_height"})
     whole = including(model, effects, [2e-4])
     path = tmp_path / "found.toml"
-    whole.check_writing(path)
+    check_suffix(path, *suffixes(whole))
     theta = np.append(np.zeros(len(model.parameters)), 3e-4)
-    whole.write(path, theta, (), np.zeros(0), provenance="a test")
+    write(whole, path, theta, (), np.zeros(0), provenance="a test")
     point = feltmb.load_action(path).config.surfaces["Kp2"].point[1]
     assert point - ACTION.config.surfaces["Kp2"].point[1] == pytest.approx(3e-4)
     assert "a test" in path.read_text()

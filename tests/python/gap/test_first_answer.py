@@ -14,6 +14,8 @@ import unmodeled
 from unmodeled import Options, candidates
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit import Coordinate, Jobs, Parameter
+from unmodeled.models import writing
+from unmodeled.models.matching import matched
 
 ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "howto" / "first_answer.md").read_text(encoding="utf-8")
@@ -185,7 +187,7 @@ def test_a_first_answer_names_what_was_withheld_and_its_remedy_closes_the_gap(
 
 
 def test_channels_sizes_and_candidates_come_from_function_and_records():
-    ready = simulator().matched(records())
+    ready = matched(simulator(), records())
     assert ready.model.inputs == ("force",)
     assert ready.model.outputs == ("x",)  # x2 was not measured
     named = {e.name: e for e in candidates(simulator(), records())}
@@ -461,7 +463,7 @@ def test_parameters_that_the_model_got_from_the_records_are_told_where_they_are_
         for k in range(2)
     ]
     model = unmodeled.Equations(rates, states={"x": "m", "v": "m/s"}, parameters=PRIORS)
-    ready = model.ready(model.matched(some).records)
+    ready = model.ready(matched(model, some).records)
     short = np.array([2.0, 90.0, 3.0])
     calls = (
         lambda: ready.model.simulate(
@@ -470,8 +472,8 @@ def test_parameters_that_the_model_got_from_the_records_are_told_where_they_are_
         lambda: ready.model.motion(
             ready.records[0], Jobs(theta=short[None], starts=np.zeros((1, 2)))
         ),
-        lambda: ready.model.numbers(short, (), np.zeros(0)),
-        lambda: ready.model.write(tmp_path / "x.toml", short, (), np.zeros(0)),
+        lambda: writing.numbers(ready.model, short, (), np.zeros(0)),
+        lambda: writing.write(ready.model, tmp_path / "x.toml", short, (), np.zeros(0)),
     )
     for call in calls:
         with pytest.raises(InvalidParameter, match=r"theta has .*: m, k, d, between.motor"):

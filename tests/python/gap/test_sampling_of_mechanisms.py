@@ -7,8 +7,8 @@ import feltmb
 import unmodeled
 from feltmb.adapters import mechanism_model
 from unmodeled.data import Record
-from unmodeled.fit.authoring import Candidate
 from unmodeled.fit.observe import observe
+from unmodeled.models import Candidate
 
 
 def clock(even, samples=80, interval=0.01):

@@ -28,7 +28,7 @@ MODULES = [
     "feltmb.felt",
     "feltmb.fiber",
     "unmodeled.fit",
-    "unmodeled.fit.authoring",
+    "unmodeled.models",
     "unmodeled",
     "unmodeled.search.result",
     "unmodeled.experiment",
@@ -1007,12 +1007,7 @@ CALLS = {
         pendulum(),
         {"laws": {pendulum().config.contacts and next(iter(pendulum().config.contacts)): law()}},
     ),
-    "unmodeled.fit.authoring.Including": lambda: {
-        "model": oscillator(),
-        "included": (unmodeled.fit.Candidate(DRY),),
-        "magnitudes": np.array([0.01]),
-    },
-    "unmodeled.fit.authoring.Jobs": lambda: {
+    "unmodeled.models.Jobs": lambda: {
         "theta": np.array([[1.0, 100.0]]),
         "starts": np.zeros((1, 2)),
         "included": (),
@@ -1020,7 +1015,7 @@ CALLS = {
         "forces": None,
     },
     "unmodeled.fit.LinearModel": lambda: dict(LINEAR),
-    "unmodeled.fit.authoring.Named": lambda: {"values": {"a": 1.0}},
+    "unmodeled.models.Named": lambda: {"values": {"a": 1.0}},
     "unmodeled.fit.Equations": lambda: dict(ODE),
     "unmodeled.fit.Equations.force_in": None,  # inside the choice of the candidates
     "unmodeled.fit.Equations.is_parameter": None,  # inside the choice of the candidates
@@ -1034,7 +1029,7 @@ CALLS = {
         "component": "",
         "scale": None,
     },
-    "unmodeled.fit.authoring.Port": lambda: {
+    "unmodeled.models.Port": lambda: {
         "name": "p",
         "component": "c",
         "unit": "N",
@@ -1043,21 +1038,22 @@ CALLS = {
         "speed": "v",
     },
     "unmodeled.fit.Rate": lambda: {"state": "v"},
-    "unmodeled.fit.authoring.Ready": lambda: {
+    "unmodeled.models.Ready": lambda: {
         "model": oscillator(),
         "records": (record(),),
         "notes": (),
     },
-    "unmodeled.fit.authoring.evenly_spaced": lambda: {"time": 0.1 * np.arange(9)},
-    "unmodeled.fit.authoring.Sensitivity": lambda: {
+    "unmodeled.models.evenly_spaced": lambda: {"time": 0.1 * np.arange(9)},
+    "unmodeled.models.running": lambda: {"model": unmodeled.Simulator(**SIMULATOR), "workers": 1},
+    "unmodeled.models.Sensitivity": lambda: {
         name: np.zeros((1, 2)) for name in inspect.signature(unmodeled.fit.Sensitivity).parameters
     },
-    "unmodeled.fit.authoring.SensitivityRequest": lambda: REQUEST | {"record": record()},
-    "unmodeled.fit.authoring.SensitivityRequest.check": lambda: (
+    "unmodeled.models.SensitivityRequest": lambda: REQUEST | {"record": record()},
+    "unmodeled.models.SensitivityRequest.check": lambda: (
         unmodeled.fit.SensitivityRequest(**REQUEST, record=record()),
         {"model": oscillator()},
     ),
-    "unmodeled.fit.authoring.SensitivityRequest.parameters_of": lambda: (
+    "unmodeled.models.SensitivityRequest.parameters_of": lambda: (
         unmodeled.fit.SensitivityRequest(**REQUEST, record=record()),
         {"model": oscillator()},
     ),
@@ -1069,7 +1065,7 @@ CALLS = {
         "start_sd": 0.1,
         "hidden": False,
     },
-    "unmodeled.fit.authoring.Candidate": lambda: {"effect": DRY, "shape": None},
+    "unmodeled.models.Candidate": lambda: {"effect": DRY, "shape": None},
     "unmodeled.fit.including": lambda: {
         "model": oscillator(),
         "included": [DRY],

@@ -193,7 +193,7 @@ def test_parts_for_other_models_are_public():
 
 
 def test_a_user_of_a_diagnosis_meets_few_names():
-    """What only authors of models need is in fit.authoring, results are in search.result."""
+    """What only authors of models need is in models, results are in search.result."""
     assert len({*unmodeled.__all__, *unmodeled.fit.__all__, *unmodeled.data.__all__}) <= 60
 
 

@@ -15,6 +15,7 @@ from unmodeled.data import Record
 from unmodeled.fit.measured import untested
 from unmodeled.fit.observe import excited
 from unmodeled.library.defaults import chosen_effects
+from unmodeled.models.elsewhere import cached, resumed, running
 from unmodeled.models.model import Effect, Model
 from unmodeled.pictures.laws import laws
 from unmodeled.pictures.motions import motions_of
@@ -78,7 +79,7 @@ def diagnose(
         time.
     executor, cache
         Executor of the runs, and folder of finished runs, from which an interrupted diagnosis
-        continues: see :meth:`Model.running`.
+        continues: see :func:`unmodeled.models.running`.
 
     Returns
     -------
@@ -94,7 +95,7 @@ def diagnose(
     """
     options = options or Options()
     if executor is not None or cache is not None:
-        model = model.running(executor=executor, cache=cache)
+        model = running(model, executor=executor, cache=cache)
     began = time.monotonic()
     given = (records,) if isinstance(records, Record) else tuple(records)
     if after := _after(given, (then,) if isinstance(then, Record) else tuple(then)):
@@ -133,7 +134,7 @@ def diagnose(
         report = Report.of(result)
         _add_pictures(report, searched)
         meter.stage("done")
-    report.cached = ready.model.cached
+    report.cached = cached(ready.model)
     report.model = explained_model(ready.model, tested, result)
     report.case = Given(model, ready, tested, given, hold_out, options)
     return report
@@ -161,7 +162,7 @@ def _interrupted(model: Model) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"before there was an answer: {model.resumed}") from None
+        raise KeyboardInterrupt(f"before there was an answer: {resumed(model)}") from None
 
 
 def _doubts(searched: Searched) -> tuple[str, ...]:

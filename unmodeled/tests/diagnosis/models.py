@@ -3,7 +3,7 @@
 import numpy as np
 
 from unmodeled import Coordinate, Effect, Equations, LinearModel, Parameter, Record, Sensor, State
-from unmodeled.fit.authoring import Candidate, Jobs
+from unmodeled.models import Candidate, Jobs
 
 
 def line(sd):

@@ -18,6 +18,7 @@ from unmodeled.data import read_record, write_record
 from unmodeled.errors import DataError, InvalidParameter
 from unmodeled.fit.mjcf_parts import parts_of
 from unmodeled.models.model import Origin, Parameter, UserUnit, prior_jobs
+from unmodeled.models.writing import write
 from unmodeled.report.case import _copy, _has_effects, sha256_of
 from unmodeled.report.stored import Answer
 from unmodeled.report.values import as_made, as_stored
@@ -436,7 +437,7 @@ def test_a_part_beside_the_folder_of_a_model_is_stored_and_listed(tmp_path):
     assert {*parts_of(out / place).sizes} == {*kept}
     told = unmodeled.mujoco(tmp_path / "robot" / "arm.xml", parameters={"j.damping": (None, 0.1)})
     assert any("outside its folder" in n for n in told.mjcf.notices)
-    written = told.write(tmp_path / "r.xml", np.array([0.2]), (), np.zeros(0))
+    written = write(told, tmp_path / "r.xml", np.array([0.2]), (), np.zeros(0))
     assert "holds what is in ../common/x.xml" in written.read_text()
 
 

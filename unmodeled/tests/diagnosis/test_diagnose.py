@@ -10,7 +10,7 @@ import pytest
 from unmodeled import Coordinate, Equations, Parameter, Record, Sensor, StartPrior, State, library
 from unmodeled.diagnosis import diagnose, fit_model
 from unmodeled.errors import Error
-from unmodeled.fit.authoring import Jobs
+from unmodeled.models import Jobs
 from unmodeled.search.held_out import Ratio
 from unmodeled.search.options import Options
 from unmodeled.search.progress import Stop

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from unmodeled import Effect, Options
-from unmodeled.fit.authoring import Jobs
 from unmodeled.library import dry_friction, hysteresis, sensor_fault, viscous_friction
+from unmodeled.models import Jobs
 from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
 from unmodeled.pictures.laws import law_of, laws
 from unmodeled.pictures.motions import motions_of

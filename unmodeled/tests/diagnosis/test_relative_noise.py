@@ -21,8 +21,8 @@ from unmodeled import (
 )
 from unmodeled.data import read_record, write_record
 from unmodeled.errors import DataError
-from unmodeled.fit.authoring import Candidate, Jobs
 from unmodeled.fit.noise import Noise
+from unmodeled.models import Candidate, Jobs
 
 SIGMA, RELATIVE, COUNT = 2e-3, 0.04, 300
 TANK = Equations(

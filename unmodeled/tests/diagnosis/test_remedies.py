@@ -10,6 +10,8 @@ from unmodeled import Options
 from unmodeled.data import Record, Sensor
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import Candidate, Effect
+from unmodeled.models.matching import matched
+from unmodeled.models.writing import text, write
 
 STEP, EVERY, COUNT, NOISE = 2e-3, 5, 150, 2e-4
 SERVO = """<mujoco model="servo">
@@ -103,7 +105,7 @@ def test_the_changed_mjcf_file_closes_the_gap_in_mujoco(tmp_path):
     last = measured[-1]
     seen = played(fixed, np.column_stack(list(last.inputs.values())))[:, 0]
     assert rms(seen - last.outputs["angle"]) == pytest.approx(promised(report, "angle"), rel=0.02)
-    old, new = model.text.splitlines(), fixed.read_text().splitlines()
+    old, new = text(model).splitlines(), fixed.read_text().splitlines()
     changed = [line for line in new if line not in old]
     assert len(changed) == 2  # a comment and the line of the joint
     assert len(new) == len(old) + 1
@@ -136,10 +138,10 @@ def test_each_property_is_written_as_it_was_simulated(tmp_path, name, value):
         outputs={"angle": np.zeros(COUNT), "x": np.zeros(COUNT)},
         sensors={n: Sensor(name=n, sigma=NOISE) for n in ("angle", "x")},
     )
-    model = (
-        unmodeled.mujoco(source, parameters={name: (None, 0.1)}, unknown={}).matched([record]).model
-    )
-    model.write(fixed, np.array([value]), (), np.zeros(0))
+    model = matched(
+        unmodeled.mujoco(source, parameters={name: (None, 0.1)}, unknown={}), [record]
+    ).model
+    write(model, fixed, np.array([value]), (), np.zeros(0))
     wanted = model.mjcf(time, record.inputs, {name: value})
     seen, before = played(fixed, control), played(source, control)
     for k, output in enumerate(("angle", "x")):
@@ -149,7 +151,7 @@ def test_each_property_is_written_as_it_was_simulated(tmp_path, name, value):
     compiled = model.mjcf.patched({name: value}).compile()
     for part in (n for n in dir(written) if n.startswith(("body_", "dof_", "jnt_", "actuator_"))):
         np.testing.assert_allclose(getattr(written, part), getattr(compiled, part), rtol=1e-5)
-    changed = [n for n in fixed.read_text().splitlines() if n not in model.text.splitlines()]
+    changed = [n for n in fixed.read_text().splitlines() if n not in text(model).splitlines()]
     assert 2 <= len(changed) <= 3  # a comment, and the lines of the property
 
 
@@ -172,7 +174,7 @@ def test_a_late_input_is_the_delay_of_the_actuator(tmp_path):
     source.write_text(SERVO)
     effect = Effect(name="delay of input push", component="input push", unit="s", scale=0.01)
     model = unmodeled.mujoco(source, unknown={})
-    model.write(fixed, np.zeros(0), (Candidate(effect),), np.array([-0.04]))
+    write(model, fixed, np.zeros(0), (Candidate(effect),), np.array([-0.04]))
     _, control = controls(4, 0.5)
     late = np.vstack([np.zeros((4, 2)), control[:-4]])
     late[:, 0] = control[:, 0]
@@ -189,8 +191,8 @@ def test_a_file_of_parts_is_written_whole(tmp_path):
     model = unmodeled.mujoco(source, parameters={"servo.kp": (None, 0.1)}, unknown={})
     other = tmp_path / "other" / "fixed.xml"
     other.parent.mkdir()
-    model.write(other, np.array([5.0]), (), np.zeros(0))
-    model.write(fixed, np.array([5.0]), (), np.zeros(0))
+    write(model, other, np.array([5.0]), (), np.zeros(0))
+    write(model, fixed, np.array([5.0]), (), np.zeros(0))
     _, control = controls(4, 0.5)
     alone = tmp_path / "alone.xml"
     alone.write_text(SERVO.replace('kp="8"', 'kp="5"'))
@@ -213,7 +215,7 @@ def test_a_file_with_a_mesh_is_written_into_another_folder(tmp_path):
     )
     fixed.parent.mkdir()
     model = unmodeled.mujoco(source, parameters={"pin.damping": (None, 0.1)}, unknown={})
-    model.write(fixed, np.array([5.0]), (), np.zeros(0))
+    write(model, fixed, np.array([5.0]), (), np.zeros(0))
     assert mujoco.MjModel.from_xml_path(str(fixed)).dof_damping == pytest.approx([5.0])
 
 

@@ -9,7 +9,7 @@ from unmodeled import Verdict, diagnose, including, library
 from unmodeled.data import Record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit import SensitivityRequest
-from unmodeled.fit.authoring import Candidate, Jobs
+from unmodeled.models import Candidate, Jobs
 
 from ..diagnosis import models
 

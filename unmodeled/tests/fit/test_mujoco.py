@@ -16,6 +16,8 @@ from unmodeled.data import Record
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import mjcf_runs
 from unmodeled.fit.running import Run
+from unmodeled.models.matching import matched
+from unmodeled.models.writing import write
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -73,7 +75,7 @@ def test_a_clearance_of_a_microradian_changes_nothing_from_a_keyframe(tmp_path):
     plain = model.mjcf(time, {}, {})
     alone = played(path, 60)
     slack = model.mjcf(time, {}, dict.fromkeys(slack, 1e-6))
-    model.write(tmp_path / "slack.xml", np.array([1e-6, 1e-6]), (), np.zeros(0))
+    write(model, tmp_path / "slack.xml", np.array([1e-6, 1e-6]), (), np.zeros(0))
     written = played(tmp_path / "slack.xml", 60)
     for i, name in enumerate(NAMES):
         assert np.ptp(alone[:, i]) > 0.1
@@ -110,10 +112,10 @@ def test_an_actuator_without_a_name_has_that_of_its_joint(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
     model = unmodeled.mujoco(path, parameters={"j1.kp": (None, 1.0)}, unknown={})
-    ready = model.matched([made(inputs=["j1", "turn"])])
+    ready = matched(model, [made(inputs=["j1", "turn"])])
     assert set(ready.model.inputs) == {"j1", "turn"}
     assert "no column is its actuator slow, which keeps its start value" in ready.notes
-    model.write(tmp_path / "fixed.xml", np.array([12.0]), (), np.zeros(0))
+    write(model, tmp_path / "fixed.xml", np.array([12.0]), (), np.zeros(0))
     found = mujoco.MjModel.from_xml_path(str(tmp_path / "fixed.xml"))
     assert found.actuator("j1").gainprm[0] == 12.0
 
@@ -122,7 +124,7 @@ def test_a_column_with_the_name_of_an_actuator_is_an_input(tmp_path):
     """A file of columns does not say which are inputs."""
     path = tmp_path / "arm.xml"
     path.write_text(ARM)
-    ready = unmodeled.mujoco(path).matched([made(inputs=(), outputs=("turn", "j2", "j1"))])
+    ready = matched(unmodeled.mujoco(path), [made(inputs=(), outputs=("turn", "j2", "j1"))])
     assert set(ready.model.inputs) == {"turn", "j1"}
     assert set(ready.model.outputs) == {"j2"}
     assert set(ready.records[0].inputs) == {"turn", "j1"}
@@ -138,9 +140,9 @@ def test_a_rail_and_a_hinge_have_a_position_and_a_ball_joint_has_none(tmp_path):
     for kind in ("slide", "hinge"):
         for of in ("", ".position", ".velocity"):
             record = made(inputs=(), outputs=(f"{kind}{of}",))
-            assert set(unmodeled.mujoco(path).matched([record]).model.outputs) == {f"{kind}{of}"}
+            assert set(matched(unmodeled.mujoco(path), [record]).model.outputs) == {f"{kind}{of}"}
     with pytest.raises(InvalidParameter, match="ball"):
-        unmodeled.mujoco(path).matched([made(inputs=(), outputs=("ball.position",))])
+        matched(unmodeled.mujoco(path), [made(inputs=(), outputs=("ball.position",))])
 
 
 def test_an_input_that_is_no_actuator_is_told(tmp_path):
@@ -153,11 +155,11 @@ def test_an_input_that_is_no_actuator_is_told(tmp_path):
     with pytest.raises(
         InvalidParameter, match="input load of record run is no actuator; there are turn, j1, slow"
     ):
-        unmodeled.mujoco(path).matched([made(inputs=["turn", "load"])])
+        matched(unmodeled.mujoco(path), [made(inputs=["turn", "load"])])
     with pytest.raises(InvalidParameter, match="has no keyframe hom; near are home"):
         unmodeled.mujoco(path, key="hom")
     with pytest.raises(InvalidParameter, match=r"turm.* near are turn"):
-        unmodeled.mujoco(path).matched([made(inputs=["turm"])])
+        matched(unmodeled.mujoco(path), [made(inputs=["turm"])])
 
 
 # ---------------------------------------------------------------- files

@@ -8,7 +8,7 @@ import pytest
 from unmodeled import Coordinate, Coupling, Equations, Parameter, Rate, Record, State, library
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import SensitivityRequest
-from unmodeled.fit.authoring import Candidate, Jobs
+from unmodeled.models import Candidate, Jobs
 
 from ..diagnosis import models
 

@@ -13,8 +13,9 @@ import pytest
 import unmodeled
 from unmodeled import Exposed, Options, Parameter, Record, Sensor
 from unmodeled.errors import InvalidParameter
-from unmodeled.fit.authoring import Candidate, Jobs, SensitivityRequest
 from unmodeled.fit.fmi import _limits
+from unmodeled.models import Candidate, Jobs, SensitivityRequest
+from unmodeled.models.elsewhere import running
 
 from . import units
 
@@ -165,7 +166,7 @@ def test_a_step_of_an_fmu_is_the_same_on_processes_and_threads(request, path):
     point = np.array([2.1, 41.0, 1.1])
 
     def step(executor=None, **fields):
-        model = cart(path, **fields).running(executor=executor).ready(records).model
+        model = running(cart(path, **fields), executor=executor).ready(records).model
         before, (dry,) = model.simulations, model.effects
         asks = [
             SensitivityRequest(r, point, np.zeros(0), candidates=(Candidate(dry),)) for r in records

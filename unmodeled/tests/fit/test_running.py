@@ -18,6 +18,8 @@ import pytest
 from unmodeled import Equations, Record, Sensor, Simulator, Verdict, diagnose, fit_model
 from unmodeled.cli import main
 from unmodeled.errors import InvalidParameter
+from unmodeled.models.elsewhere import running
+from unmodeled.models.matching import matched
 
 CLOCK = np.arange(200) * 0.01
 CAUSES = tuple(f"cause{k}" for k in range(22))
@@ -142,7 +144,7 @@ def test_the_sizes_of_22_causes_are_found_together(forgotten):
     unsized = {name: "m" for name in CAUSES}
     alone = model(unknown=unsized).ready(forgotten)
     batches = Batches()
-    shared = model(unknown=unsized).running(executor=batches).ready(forgotten)
+    shared = running(model(unknown=unsized), executor=batches).ready(forgotten)
     assert shared.notes == alone.notes
     assert [e.scale for e in shared.model.effects] == [e.scale for e in alone.model.effects]
     single = shared.model.simulations - batches.runs
@@ -151,7 +153,7 @@ def test_the_sizes_of_22_causes_are_found_together(forgotten):
 
 def test_the_run_that_finds_the_channels_is_not_made_again(forgotten):
     """Only the first run is made twice, to see whether it returns the same again."""
-    found = model(inputs=None, outputs=None).matched(forgotten).model.ready(forgotten).model
+    found = matched(model(inputs=None, outputs=None), forgotten).model.ready(forgotten).model
     assert (found.inputs, found.outputs) == (("u",), ("y",))
     assert sorted(MADE.values())[-2:] == [1, 2]
 
@@ -160,7 +162,7 @@ def test_the_run_that_finds_the_channels_must_succeed(forgotten):
     def nothing(clock, inputs, parameters):
         return {"y": np.nan * inputs["u"]}
 
-    found = model(nothing, inputs=None, outputs=None).matched(forgotten[:1]).model
+    found = matched(model(nothing, inputs=None, outputs=None), forgotten[:1]).model
     with pytest.raises(InvalidParameter, match="returns nan for y at t = 0 s, sample 0"):
         found.ready(forgotten[:1])
 
@@ -205,7 +207,7 @@ def test_what_cannot_be_sent_is_named(forgotten):
     with pytest.raises(InvalidParameter, match=r"executor is int, expected .* with submit"):
         diagnose(model(), None, forgotten, executor=8)
     with pytest.raises(InvalidParameter, match="workers = 2 and an executor"):
-        model().running(workers=2, executor=Batches())
+        running(model(), workers=2, executor=Batches())
 
 
 def test_a_worker_without_the_function_is_one_message(forgotten):
@@ -222,7 +224,7 @@ def test_a_worker_without_the_function_is_one_message(forgotten):
 def test_equations_have_no_runs_to_share(tmp_path):
     own = Equations(lambda t, x, u, p: (-x.y,), states={"y": "m"}, parameters={})
     with pytest.raises(InvalidParameter, match="for a Simulator, an FMU or a MuJoCo model, got Eq"):
-        own.running(cache=tmp_path)
+        running(own, cache=tmp_path)
 
 
 # ------------------------------------------------------------------------------------- the folder
@@ -363,7 +365,7 @@ def test_a_version_stands_for_the_source(forgotten, tmp_path):
     assert MADE
     nameless = Program(None)
     with pytest.raises(InvalidParameter, match=r"nothing identifies its function.*version"):
-        model(nameless).running(cache=tmp_path)
+        running(model(nameless), cache=tmp_path)
 
 
 def test_what_raises_is_not_kept(forgotten, tmp_path):

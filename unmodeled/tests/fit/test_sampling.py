@@ -20,8 +20,8 @@ from unmodeled import (
 from unmodeled.data import Record, Sensor
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import FunctionModel
-from unmodeled.fit.authoring import Candidate
 from unmodeled.fit.observe import observe
+from unmodeled.models import Candidate
 
 from . import units
 

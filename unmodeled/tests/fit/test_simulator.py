@@ -24,8 +24,8 @@ from unmodeled import (
 )
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import SensitivityRequest
-from unmodeled.fit.authoring import Candidate, Jobs
 from unmodeled.fit.simulator import choose_step, noise_of_function
+from unmodeled.models import Candidate, Jobs
 from unmodeled.models.model import difference_offsets
 
 ROOT = Path(__file__).resolve().parents[3]

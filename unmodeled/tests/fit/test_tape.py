@@ -24,7 +24,7 @@ from unmodeled import (
 )
 from unmodeled.errors import InvalidParameter
 from unmodeled.fit import SensitivityRequest
-from unmodeled.fit.authoring import Candidate, Jobs
+from unmodeled.models import Candidate, Jobs
 from unmodeled.ode import batch, compile, compiled, step
 from unmodeled.ode.methods import METHODS
 

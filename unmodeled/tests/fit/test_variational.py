@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from unmodeled import Coordinate, Effect, Equations, Parameter, Rate, Record, Sensor, State, library
-from unmodeled.fit.authoring import Candidate
 from unmodeled.fit.observe import observed_sensitivities
+from unmodeled.models import Candidate
 from unmodeled.models.model import Batch, SensitivityRequest, difference_sensitivities
 
 SLIDE = Coordinate(name="slide", position="q", speed="v", inertia="m")

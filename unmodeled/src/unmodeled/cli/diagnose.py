@@ -196,18 +196,19 @@ def _places(
     out: Path | None, loaded: LoadedModel, *, force: bool
 ) -> tuple[Path | None, Path | None]:
     """Folder of the report and file of the remedy, checked before anything is computed."""
-    from unmodeled.files import check_writable, make_folder
+    from unmodeled.files import check_suffix, check_writable, make_folder
+    from unmodeled.models.writing import suffixes
 
     folder = out if out is not None and out.suffix.lower() not in REMEDIES else None
     remedy = None if folder is not None else out
     if folder is not None:
         make_folder(folder)
-        remedy = folder / f"remedy{loaded.model.suffixes[0]}"
+        remedy = folder / f"remedy{suffixes(loaded.model)[0]}"
         for name in ("report.html", "report.txt", "report.json", "case.json"):
             check_writable(folder / name, force=force)
     if remedy is not None:
         check_writable(remedy, force=force)
-        loaded.model.check_writing(remedy)
+        check_suffix(remedy, *suffixes(loaded.model))
     return folder, remedy
 
 
@@ -227,9 +228,11 @@ def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
     """Write the model with what was found, and show how its file differs."""
     from difflib import unified_diff
 
+    from unmodeled.models.writing import suffixes, text
+
     say_written(model.write(path, force=force))
-    old = model.original.text
-    if old and path.suffix == model.original.suffixes[0]:
+    old = text(model.original)
+    if old and path.suffix == suffixes(model.original)[0]:
         new = path.read_text("utf-8").splitlines()
         lines = [*unified_diff(old.splitlines(), new, "unchanged", path.name, n=0, lineterm="")]
         say("\n".join(lines[:DIFF]) + (f"\n... {len(lines) - DIFF} more" if lines[DIFF:] else ""))

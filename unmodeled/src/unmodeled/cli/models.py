@@ -189,7 +189,9 @@ class Running:
         """The model with these runs."""
         if self.workers is None and self.cache is None:
             return loaded
-        model = loaded.model.running(workers=self.workers, cache=self.cache)
+        from unmodeled.models.elsewhere import running
+
+        model = running(loaded.model, workers=self.workers, cache=self.cache)
         return replace(loaded, model=model)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from unmodeled.data.frames import records_from_frame
     from unmodeled.data.sheet import ReadOptions
 
-# The other names are for authors of adapters: unmodeled.fit.authoring.
+# The other names are for authors of adapters: unmodeled.models.
 __all__ = [
     "Clocks",
     "ReadOptions",

@@ -18,7 +18,7 @@ from unmodeled.models.model import Ready as Ready
 from unmodeled.models.model import Sensitivity as Sensitivity
 from unmodeled.models.model import SensitivityRequest as SensitivityRequest
 
-# The other names are for authors of models: unmodeled.fit.authoring.
+# The other names are for authors of models: unmodeled.models.
 __all__ = [
     "Coordinate",
     "Coupling",

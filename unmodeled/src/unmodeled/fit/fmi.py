@@ -450,5 +450,5 @@ def fmu(
         name=name or description.modelName,
     )
     out.origin = Origin("fmu", str(path), {**again, "kind": kind, "hold": hold, "name": name})
-    out._open = False, every  # the records show which outputs are compared
+    out.open = False, every  # the records show which outputs are compared
     return out

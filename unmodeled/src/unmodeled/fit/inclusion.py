@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
+from unmodeled.models.elsewhere import Means, by_means, cached, resumed
 from unmodeled.models.model import (
     Batch,
     Candidate,
     Effect,
     Jobs,
-    Means,
     Model,
     Parameter,
     Ready,
@@ -24,6 +25,7 @@ from unmodeled.models.model import (
     SensitivityRequest,
     State,
 )
+from unmodeled.models.writing import numbers, suffixes, text, write
 
 
 @checked
@@ -169,69 +171,14 @@ class Including(Model):
         out.parameters = self.parameters
         return out
 
-    def _by(self, means: Means) -> Including:
-        out = self._with(self.base._by(means))
-        out.parameters = self.parameters
-        return out
-
-    @property
-    def cached(self) -> str:
-        """See :attr:`~unmodeled.Model.cached`."""
-        return self.base.cached
-
-    @property
-    def resumed(self) -> str:
-        """See :class:`~unmodeled.fit.Model`."""
-        return self.base.resumed
-
     def accepts(self, effect: Effect) -> bool:
         """Whether the original model accepts an effect that is not yet included."""
         return effect.name not in [t.name for t in self.included] and self.base.accepts(effect)
 
-    @property
-    def text(self) -> str:
-        """See :class:`~unmodeled.fit.Model`."""
-        return self.base.text
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """See :class:`~unmodeled.fit.Model`."""
-        return self.base.suffixes
-
-    def check_writing(self, path: Path) -> None:
-        """Check whether the original model can be written."""
-        self.base.check_writing(path)
-
-    def write(  # noqa: D102
-        self,
-        path: Path,
-        theta: Array,
-        included: Sequence[Candidate],
-        magnitudes: Array,
-        *,
-        provenance: str = "",
-        force: bool = False,
-    ) -> Path:
-        # Written by the original model; its effects are part of the written effects.
-        own = self._found(theta, included, magnitudes)
-        return self.base.write(path, *own, provenance=provenance, force=force)
-
-    @checked
-    def numbers(
-        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
-    ) -> tuple[dict[str, float], dict[str, float]]:
-        """See :class:`~unmodeled.fit.Model`.
-
-        Parameters
-        ----------
-        theta, included, magnitudes
-            As for :meth:`write`.
-        """
-        return self.base.numbers(*self._found(theta, included, magnitudes))
-
-    def _found(
+    def found(
         self, theta: Array, included: Sequence[Candidate], magnitudes: Array
     ) -> tuple[Array, tuple[Candidate, ...], Array]:
+        """Numbers of the original model: parameters, effects and their magnitudes."""
         count = len(self.base.parameters)
         sizes = np.concatenate([theta[count:], magnitudes])
         return theta[:count], (*self.included, *included), sizes
@@ -298,3 +245,41 @@ class Including(Model):
             d_theta=by_outputs[..., order],
             d_magnitudes=s.d_magnitudes[..., own:],
         )
+
+
+@by_means.register
+def _(model: Including, means: Means) -> Including:
+    out = model._with(by_means(model.base, means))
+    out.parameters = model.parameters
+    return out
+
+
+@cached.register
+def _(model: Including) -> str:
+    return cached(model.base)
+
+
+@resumed.register
+def _(model: Including) -> str:
+    return resumed(model.base)
+
+
+@text.register
+def _(model: Including) -> str:
+    return text(model.base)
+
+
+@suffixes.register
+def _(model: Including) -> tuple[str, ...]:
+    return suffixes(model.base)
+
+
+@write.register
+def _(model: Including, path: Path, *found: Any, **given: Any) -> Path:
+    # Written by the original model; its effects are part of the written effects.
+    return write(model.base, path, *model.found(*found), **given)
+
+
+@numbers.register
+def _(model: Including, *found: Any) -> tuple[dict[str, float], dict[str, float]]:
+    return numbers(model.base, *model.found(*found))

@@ -14,7 +14,7 @@ import numpy as np
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
-from unmodeled.files import write_text
+from unmodeled.files import check_suffix, write_text
 from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload, probe
 from unmodeled.fit.mjcf_linear import columns_of
 from unmodeled.fit.mjcf_parts import outside_parts
@@ -32,7 +32,8 @@ from unmodeled.fit.mjcf_start import (
 )
 from unmodeled.fit.priors import Bounds, Priors, Unknowns, share_of, sized, wanted_change
 from unmodeled.fit.running import Run
-from unmodeled.fit.simulator import Simulator
+from unmodeled.fit.simulator import Simulator, match_simulator, numbers_of_simulator
+from unmodeled.models.matching import matched
 from unmodeled.models.model import (
     Candidate,
     Effect,
@@ -44,6 +45,7 @@ from unmodeled.models.model import (
     difference_sensitivities,
     start_in,
 )
+from unmodeled.models.writing import numbers, suffixes, text, write, write_numbers
 
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.
@@ -62,32 +64,9 @@ class MujocoModel(Simulator):
     _tested = False
     _starts: tuple[State, ...] = ()
 
-    def matched(self, records: Sequence[Record]) -> Ready:
-        """See :class:`~unmodeled.fit.Model`.
-
-        Raises
-        ------
-        InvalidParameter
-            An input of a record is no actuator.
-        """
-        known = controls(self.mjcf.model)
-        if not any(self._open):
-            ready = super().matched(records)
-            left = ", ".join(n for n in known if n not in self.inputs)
-            note = f"no column is its actuator {left}, which keeps its start value"
-            return replace(ready, notes=(*ready.notes, note)) if left else ready
-        for r in records if self._open[0] else ():
-            if wrong := [n for n in r.inputs if n not in known]:
-                raise InvalidParameter(
-                    f"model {self.name}: the input {wrong[0]} of record {r.name} is no actuator"
-                    f"{near_names(wrong[0], known)}; there are {', '.join(known) or 'none'} "
-                    f"({which_column('ACTUATOR', wrong[0])}; inputs= of the model chooses)"
-                )
-        return super().matched(records)
-
     def ready(self, records: Sequence[Record]) -> Ready:
         """See :class:`~unmodeled.fit.Model`: starts and the error of the time step are notes."""
-        if self._ready or any(self._open):
+        if self._ready or any(self.open):
             return super().ready(records)
         names = {n for r in records for n in r.outputs}
         joints = measured_joints(self.mjcf.model, [n for n in self.outputs if n in names])
@@ -291,62 +270,91 @@ class MujocoModel(Simulator):
             d_inputs=found[..., own[3] :],
         )
 
-    @property
-    def text(self) -> str:
-        """The file as MuJoCo writes it."""
-        return str(self.mjcf.spec.to_xml())
 
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """A changed MJCF file, or the numbers."""
-        return (".xml", ".toml")
+@matched.register
+def _(model: MujocoModel, records: Sequence[Record]) -> Ready:
+    """The actuators of the model are its inputs.
 
-    @checked
-    def numbers(
-        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
-    ) -> tuple[dict[str, float], dict[str, float]]:
-        """Properties of the file that change, and effects that MJCF cannot express.
-
-        An input that acts late is the delay of its actuator.
-        """
-        values, effects = super().numbers(theta, included, magnitudes)
-        known = self.mjcf.properties
-        values = {n: v for n, v in values.items() if v != known[n].value}
-        for name in controls(self.mjcf.model):
-            late = -effects.get(f"delay of input {name}", 0.0)
-            if late > 0.0:
-                values[f"{name}.delay"] = late
-                del effects[f"delay of input {name}"]
-        return values, effects
-
-    def write(  # noqa: D102
-        self,
-        path: Path,
-        theta: Array,
-        included: Sequence[Candidate],
-        magnitudes: Array,
-        *,
-        provenance: str = "",
-        force: bool = False,
-    ) -> Path:
-        # As MuJoCo writes it, without the comments of the file.
-        if path.suffix != ".xml":
-            return super().write(
-                path, theta, included, magnitudes, provenance=provenance, force=force
+    Raises
+    ------
+    InvalidParameter
+        An input of a record is no actuator.
+    """
+    known = controls(model.mjcf.model)
+    if not any(model.open):
+        ready = match_simulator(model, records)
+        left = ", ".join(n for n in known if n not in model.inputs)
+        note = f"no column is its actuator {left}, which keeps its start value"
+        return replace(ready, notes=(*ready.notes, note)) if left else ready
+    for r in records if model.open[0] else ():
+        if wrong := [n for n in r.inputs if n not in known]:
+            raise InvalidParameter(
+                f"model {model.name}: the input {wrong[0]} of record {r.name} is no actuator"
+                f"{near_names(wrong[0], known)}; there are {', '.join(known) or 'none'} "
+                f"({which_column('ACTUATOR', wrong[0])}; inputs= of the model chooses)"
             )
-        self.check_writing(path)
-        values, _ = self.numbers(theta, included, magnitudes)
-        patched = self.mjcf.patched(values)
-        source = self.mjcf.path.absolute().parent
-        outside = ", ".join(os.path.relpath(p, source) for p in outside_parts(self.mjcf.path))
-        assets = (*patched.meshes, *patched.textures, *patched.hfields, *patched.skins)
-        if assets and path.absolute().parent != source:  # their files stay where they are
-            patched.meshdir = (source / patched.meshdir).as_posix()
-            patched.texturedir = (source / patched.texturedir).as_posix()
-        told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
-        told += f"; holds what is in {outside}" if outside else ""
-        comment = f"<!-- {told.replace('--', '- -')} -->\n"
-        return write_text(path, comment + patched.to_xml(), force=force)
+    return match_simulator(model, records)
+
+
+@text.register
+def _(model: MujocoModel) -> str:
+    return str(model.mjcf.spec.to_xml())
+
+
+@suffixes.register
+def _(model: MujocoModel) -> tuple[str, ...]:
+    del model
+    return (".xml", ".toml")
+
+
+@numbers.register
+def _(
+    model: MujocoModel, theta: Array, included: Sequence[Candidate], magnitudes: Array
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Properties of the file that change, and effects that MJCF cannot express.
+
+    An input that acts late is the delay of its actuator.
+    """
+    values, effects = numbers_of_simulator(model, theta, included, magnitudes)
+    known = model.mjcf.properties
+    values = {n: v for n, v in values.items() if v != known[n].value}
+    for name in controls(model.mjcf.model):
+        late = -effects.get(f"delay of input {name}", 0.0)
+        if late > 0.0:
+            values[f"{name}.delay"] = late
+            del effects[f"delay of input {name}"]
+    return values, effects
+
+
+@write.register
+def _(
+    model: MujocoModel,
+    path: Path,
+    theta: Array,
+    included: Sequence[Candidate],
+    magnitudes: Array,
+    *,
+    provenance: str = "",
+    force: bool = False,
+) -> Path:
+    # As MuJoCo writes it, without the comments of the file.
+    if path.suffix != ".xml":
+        return write_numbers(
+            model, path, theta, included, magnitudes, provenance=provenance, force=force
+        )
+    check_suffix(path, *suffixes(model))
+    values, _ = numbers(model, theta, included, magnitudes)
+    patched = model.mjcf.patched(values)
+    source = model.mjcf.path.absolute().parent
+    outside = ", ".join(os.path.relpath(p, source) for p in outside_parts(model.mjcf.path))
+    assets = (*patched.meshes, *patched.textures, *patched.hfields, *patched.skins)
+    if assets and path.absolute().parent != source:  # their files stay where they are
+        patched.meshdir = (source / patched.meshdir).as_posix()
+        patched.texturedir = (source / patched.texturedir).as_posix()
+    told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
+    told += f"; holds what is in {outside}" if outside else ""
+    comment = f"<!-- {told.replace('--', '- -')} -->\n"
+    return write_text(path, comment + patched.to_xml(), force=force)
 
 
 def _placed(effect: Effect, function: Mjcf) -> Effect:

@@ -26,7 +26,7 @@ import numpy as np
 from unmodeled.data import Array, Record
 from unmodeled.errors import Error, InvalidParameter
 from unmodeled.fit.runs import StoredRuns
-from unmodeled.models.model import Means
+from unmodeled.models.elsewhere import Means
 from unmodeled.ode.calling import explained
 
 # --------------------------------------------------------------------------------- the last values

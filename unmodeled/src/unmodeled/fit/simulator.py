@@ -28,12 +28,13 @@ from unmodeled.fit.priors import (
 )
 from unmodeled.fit.running import Run, Runner
 from unmodeled.models.coordinates import Named
+from unmodeled.models.elsewhere import Means, by_means, cached, resumed
+from unmodeled.models.matching import matched, with_same_channels
 from unmodeled.models.model import (
     Batch,
     Candidate,
     Effect,
     Jobs,
-    Means,
     Model,
     Origin,
     Parameter,
@@ -42,6 +43,7 @@ from unmodeled.models.model import (
     check_shapes,
     difference_offsets,
 )
+from unmodeled.models.writing import numbers
 from unmodeled.ode.calling import calling
 from unmodeled.units import same_unit
 
@@ -221,7 +223,7 @@ class Simulator(Model):
             faults.append(f"workers = {workers}, expected a whole number >= 1, or None")
         if faults:
             raise InvalidParameter(f"model {name}: " + "; ".join(faults))
-        self._open = inputs is None, outputs is None
+        self.open = inputs is None, outputs is None
         self._means = Means(workers)
         self.function = function
         self._runner = self._new_runner()
@@ -230,80 +232,9 @@ class Simulator(Model):
         again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
         self.origin = Origin("Simulator", "", {**again, "name": name})
 
-    def matched(self, records: Sequence[Record]) -> Ready:
-        """See :class:`~unmodeled.fit.Model`: channels that are not stated are found by one run."""
-        if not any(self._open) or not records:
-            return super().matched(records)
-        first = records[0]
-        asked = _Asked({**first.outputs, **first.inputs}, first.name)
-        point = _Stated(self._point([p.value for p in self.parameters]))
-        with calling(f"model {self.name}: its function"), np.errstate(all="ignore"):
-            given = self.function(first.time.copy(), asked, point)
-        if not isinstance(given, Mapping):
-            raise InvalidParameter(
-                f"model {self.name}: its function returned {type(given).__name__}, expected a "
-                'dictionary of arrays by output, such as {"x": x}'
-            )
-        out = copy.copy(self)
-        shown = dict.fromkeys(n for r in records for n in r.outputs)
-        if self._open[1]:
-            out.outputs = tuple(n for n in given if n in shown)
-        if not out.outputs:
-            raise InvalidParameter(
-                f"model {self.name}: its function returns {', '.join(map(str, given))}, and the "
-                f"records show {', '.join(shown)}: expected the same names (--column NAME=COLUMN, "
-                "in Python columns of ReadOptions, renames a column)"
-            )
-        if self._open[0]:
-            read = asked.read if asked.whole is False else dict.fromkeys(first.inputs)
-            if wrong := [n for n in read if n in out.outputs]:
-                raise InvalidParameter(
-                    f"model {self.name}: its function reads {', '.join(wrong)}, which it also "
-                    "returns: a measured output must not be used"
-                )
-            out.inputs = tuple(read)
-        out._open = False, False
-        out._runner = out._new_runner()
-        if not asked.whole:
-            columns = {n: {**first.outputs, **first.inputs}[n] for n in out.inputs}
-            out._runner.took(Run(first.name, first.time, columns, dict(point)), given)
-        return out.matched(records)
-
     def _new_runner(self) -> Runner:
         names = {"inputs": self.inputs, "outputs": self.outputs, "parameters": self._names}
         return Runner(self.function, self.outputs, self.name, self._means, names)
-
-    def _by(self, means: Means) -> Simulator:
-        given = {k: v for k, v in vars(means).items() if v is not None}
-        out = copy.copy(self)
-        out._means = replace(self._means, **given)
-        out._runner = out._new_runner()
-        out._ready = False
-        return out
-
-    @property
-    def cached(self) -> str:
-        """See :attr:`~unmodeled.Model.cached`."""
-        found, made = self._runner.found, self._runner.made
-        return f"{found} of {found + made} runs from the cache {self._means.cache}" if found else ""
-
-    @property
-    def resumed(self) -> str:
-        """See :class:`~unmodeled.fit.Model`."""
-        if self._means.cache is None:
-            return (
-                "nothing is kept, and the same command begins anew; with --cache FOLDER, in Python "
-                "cache=, finished runs are kept, and it goes on from them"
-            )
-        return (
-            f"the finished runs are kept in {self._means.cache}, and the same command goes on from "
-            "them"
-        )
-
-    def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """No states: the function defines the start of a run."""
-        del included
-        return ()
 
     @property
     def simulations(self) -> int:
@@ -337,10 +268,10 @@ class Simulator(Model):
         """
         if self._ready:
             return Ready(self, tuple(records))
-        if any(self._open):
-            matched = self.matched(records)
-            ready = matched.model.ready(matched.records)
-            return replace(ready, notes=(*matched.notes, *ready.notes))
+        if any(self.open):
+            same = matched(self, records)
+            ready = same.model.ready(same.records)
+            return replace(ready, notes=(*same.notes, *ready.notes))
         self._check_inputs(records)
         # A file has its own units.
         assumed = [] if hasattr(self.function, "values") else in_si(self, self.function, records)
@@ -494,23 +425,6 @@ class Simulator(Model):
         seen = iter(self._runner.values(runs))
         return [np.array([next(seen) for _ in range(jobs.count)]) for _, jobs in batches]
 
-    @checked
-    def numbers(
-        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
-    ) -> tuple[dict[str, float], dict[str, float]]:
-        """Arguments of the function, and magnitudes of the effects that are no arguments.
-
-        Parameters
-        ----------
-        theta, included, magnitudes
-            As for :meth:`write`.
-        """
-        check_shapes(self, included, {"theta": theta, "magnitudes": magnitudes})
-        own = [c for c in included if c.effect.data in self._names]
-        sizes = dict(zip((c.name for c in included), map(float, magnitudes), strict=True))
-        row = np.array([*theta, *(sizes.pop(c.name) for c in own)])
-        return self._values(row, tuple(own)), sizes
-
     def _values(self, row: Array, included: tuple[Candidate, ...]) -> dict[str, float]:
         count = len(self.parameters)
         values = self._point(row[:count])
@@ -533,6 +447,88 @@ class Simulator(Model):
             return ((scale, 1.0 / scale),)
         step = self._steps.get(name) or Step(TRIAL * scale, central=True)
         return step.offsets(at, low, high)
+
+
+@matched.register
+def match_simulator(model: Simulator, records: Sequence[Record]) -> Ready:
+    """Channels that are not stated are found by one run."""
+    if not any(model.open) or not records:
+        return with_same_channels(model, records)
+    first = records[0]
+    asked = _Asked({**first.outputs, **first.inputs}, first.name)
+    point = _Stated(model._point([p.value for p in model.parameters]))
+    with calling(f"model {model.name}: its function"), np.errstate(all="ignore"):
+        given = model.function(first.time.copy(), asked, point)
+    if not isinstance(given, Mapping):
+        raise InvalidParameter(
+            f"model {model.name}: its function returned {type(given).__name__}, expected a "
+            'dictionary of arrays by output, such as {"x": x}'
+        )
+    out = copy.copy(model)
+    shown = dict.fromkeys(n for r in records for n in r.outputs)
+    if model.open[1]:
+        out.outputs = tuple(n for n in given if n in shown)
+    if not out.outputs:
+        raise InvalidParameter(
+            f"model {model.name}: its function returns {', '.join(map(str, given))}, and the "
+            f"records show {', '.join(shown)}: expected the same names (--column NAME=COLUMN, "
+            "in Python columns of ReadOptions, renames a column)"
+        )
+    if model.open[0]:
+        read = asked.read if asked.whole is False else dict.fromkeys(first.inputs)
+        if wrong := [n for n in read if n in out.outputs]:
+            raise InvalidParameter(
+                f"model {model.name}: its function reads {', '.join(wrong)}, which it also "
+                "returns: a measured output must not be used"
+            )
+        out.inputs = tuple(read)
+    out.open = False, False
+    out._runner = out._new_runner()
+    if not asked.whole:
+        columns = {n: {**first.outputs, **first.inputs}[n] for n in out.inputs}
+        out._runner.took(Run(first.name, first.time, columns, dict(point)), given)
+    return matched(out, records)
+
+
+@by_means.register
+def _(model: Simulator, means: Means) -> Simulator:
+    given = {k: v for k, v in vars(means).items() if v is not None}
+    out = copy.copy(model)
+    out._means = replace(model._means, **given)
+    out._runner = out._new_runner()
+    out._ready = False
+    return out
+
+
+@cached.register
+def _(model: Simulator) -> str:
+    found, made = model._runner.found, model._runner.made
+    return f"{found} of {found + made} runs from the cache {model._means.cache}" if found else ""
+
+
+@resumed.register
+def _(model: Simulator) -> str:
+    if model._means.cache is None:
+        return (
+            "nothing is kept, and the same command begins anew; with --cache FOLDER, in Python "
+            "cache=, finished runs are kept, and it goes on from them"
+        )
+    return (
+        f"the finished runs are kept in {model._means.cache}, and the same command goes on from "
+        "them"
+    )
+
+
+@numbers.register
+def numbers_of_simulator(
+    model: Simulator, theta: Array, included: Sequence[Candidate], magnitudes: Array
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Arguments of the function, and magnitudes of the effects that are no arguments."""
+    check_shapes(model, included, {"theta": theta, "magnitudes": magnitudes})
+    own = [c for c in included if c.effect.data in model._names]
+    sizes = dict(zip((c.name for c in included), map(float, magnitudes), strict=True))
+    row = np.array([*theta, *(sizes.pop(c.name) for c in own)])
+    return model._values(row, tuple(own)), sizes
 
 
 # ----------------------------------------------------------------------- numerical noise and steps

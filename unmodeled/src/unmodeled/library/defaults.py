@@ -27,6 +27,7 @@ from unmodeled.library import (
     second_store,
 )
 from unmodeled.models.coordinates import Coordinate, Coupling, Named
+from unmodeled.models.matching import matched
 from unmodeled.models.model import Effect, Model, State, prior_jobs
 from unmodeled.units import same_unit
 
@@ -75,8 +76,8 @@ def candidates(model: Model, records: Sequence[Record] | Record) -> tuple[Effect
     ['gain of sensor level', 'leak level']
     """
     records = (records,) if isinstance(records, Record) else tuple(records)
-    matched = model.matched(records)
-    ready = matched.model.ready(matched.records)
+    same = matched(model, records)
+    ready = same.model.ready(same.records)
     return tuple(_all(ready.model, ready.records))
 
 

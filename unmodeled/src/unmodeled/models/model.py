@@ -12,7 +12,6 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -22,7 +21,6 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, InputMode, Record, StartPrior
 from unmodeled.data.robots import Joint
 from unmodeled.errors import InvalidParameter
-from unmodeled.files import check_suffix, write_text
 from unmodeled.lazy import lazy_import
 from unmodeled.models.coordinates import Coordinate, Coupling
 from unmodeled.models.subject import Subject, subject_of
@@ -471,15 +469,6 @@ class Ready:
 
 
 @dataclass(frozen=True)
-class Means:
-    """Where runs are computed and kept; see :meth:`unmodeled.Model.running`."""
-
-    workers: int | None = None
-    executor: Any = None
-    cache: Path | None = None
-
-
-@dataclass(frozen=True)
 class Origin:
     """How a model is made again."""
 
@@ -537,9 +526,13 @@ class Model(ABC):
     """Outputs that a controller leads to an input, with the name of this input: what matters is a
     share of input minus output, not of the motion."""
 
-    @abstractmethod
     def states(self, included: Sequence[Candidate] = ()) -> tuple[State, ...]:
-        """States, followed by the hidden states of the included effects in order; () if none."""
+        """States, followed by the hidden states of the included effects in order.
+
+        By default there are none: the model knows how a run begins.
+        """
+        del included
+        return ()
 
     @abstractmethod
     def simulate(self, record: Record, jobs: Jobs) -> Array:
@@ -582,147 +575,35 @@ class Model(ABC):
         out.parameters = tuple(parameters.get(p.name, p) for p in self.parameters)
         return out
 
-    def diagnose(
-        self,
-        records: Sequence[Record] | Record,
-        *,
-        then: Sequence[Record] | Record = (),
-        effects: Sequence[Effect | str] | None = None,
-        exclude: Sequence[str] | str = (),
-        hold_out: Sequence[str] | str | None = None,
-        options: Any = None,
-        progress: Callable[..., None] | None = None,
-        executor: Any = None,
-        cache: str | Path | None = None,
-    ) -> Any:
-        """Find the effects that the model lacks: :func:`unmodeled.diagnose`.
+    def diagnose(self, records: Sequence[Record] | Record, **given: Any) -> Any:
+        """Find the effects that the model lacks: :func:`unmodeled.diagnose`, which lists ``given``.
 
         Parameters
         ----------
         records
             Measured runs.
-        then
-            Measured runs after a change of the machine.
-        effects
-            Effects that it may lack, or names and patterns of the default ones; default: those of
-            :func:`unmodeled.candidates`.
-        exclude
-            Names, patterns, or components of effects that are not tested.
-        hold_out, options, progress, executor, cache
-            As for :func:`unmodeled.diagnose`.
 
         Returns
         -------
         unmodeled.Report
         """
-        own = {"exclude": exclude, "hold_out": hold_out, "options": options, "progress": progress}
-        own |= {"executor": executor, "cache": cache, "then": then}
-        return lazy_import("unmodeled.diagnosis:diagnose")(self, effects, records, **own)
+        return lazy_import("unmodeled.diagnosis:diagnose")(
+            self, given.pop("effects", None), records, **given
+        )
 
-    def fit(
-        self,
-        records: Sequence[Record] | Record,
-        *,
-        options: Any = None,
-        progress: Callable[..., None] | None = None,
-        executor: Any = None,
-        cache: str | Path | None = None,
-    ) -> Any:
-        """Fit the parameters to all records: :func:`unmodeled.fit_model`.
+    def fit(self, records: Sequence[Record] | Record, **given: Any) -> Any:
+        """Fit the parameters to all records: :func:`unmodeled.fit_model`, which lists ``given``.
 
         Parameters
         ----------
         records
             Measured runs.
-        options, progress, executor, cache
-            As for :func:`unmodeled.fit_model`.
 
         Returns
         -------
         unmodeled.Report
         """
-        own = {"options": options, "progress": progress, "executor": executor, "cache": cache}
-        return lazy_import("unmodeled.diagnosis:fit_model")(self, records, **own)
-
-    def matched(self, records: Sequence[Record]) -> Ready:
-        """The model and the records with the same channels.
-
-        A column of a record that is an input of the model becomes an input. A model that does not
-        state its channels takes them from the records.
-        """
-        notes: list[str] = []
-        return Ready(self, tuple(_with_inputs(r, self, notes) for r in records), tuple(notes))
-
-    @checked
-    def running(
-        self,
-        *,
-        executor: Any = None,
-        cache: str | Path | None = None,
-        workers: int | None = None,
-    ) -> Model:
-        """The same model, whose runs are computed and kept elsewhere.
-
-        Only for models that are functions of a whole record: :class:`~unmodeled.Simulator`,
-        :func:`~unmodeled.fmu`, :func:`~unmodeled.mujoco`.
-
-        Parameters
-        ----------
-        executor
-            Executor of ``concurrent.futures``, or a Dask client: anything with ``submit``, which
-            returns a future. Batches of runs are submitted to it; single runs are made in this
-            process. The function is pickled, unless the executor is one of threads. It is not shut
-            down.
-        cache
-            Folder of finished runs, which are not computed again. They belong to the file that
-            defines the function (or to the attribute ``version`` of the function), to the names of
-            inputs, outputs and parameters, and to the bytes of times, inputs and parameters. A
-            change of another module, library or program is not seen: delete the folder, or change
-            ``version``. A run that raises an exception is not kept.
-        workers
-            Number of processes of this machine, for MuJoCo of threads.
-
-        Raises
-        ------
-        InvalidParameter
-            The model is of another kind, the function cannot be pickled, or nothing identifies it.
-        """
-        if executor is None and cache is None and workers is None:
-            return self
-        if workers is not None and (workers < 1 or executor is not None):
-            beside = " and an executor" * (executor is not None)
-            raise InvalidParameter(
-                f"model {self.name}: workers = {workers}{beside}, expected a whole number >= 1, or "
-                "an executor alone"
-            )
-        if executor is not None and not callable(getattr(executor, "submit", None)):
-            raise InvalidParameter(
-                f"model {self.name}: executor is {type(executor).__name__}, expected one of "
-                "concurrent.futures or a Dask client: an object with submit"
-            )
-        folder = None if cache is None else Path(cache).expanduser()
-        return self._by(Means(workers, executor, folder))
-
-    def _by(self, means: Means) -> Model:
-        del means
-        raise InvalidParameter(
-            f"model {self.name}: executor, workers and cache are for a Simulator, an FMU or a "
-            f"MuJoCo model, got {type(self).__name__}, whose runs are computed together in this "
-            "process"
-        )
-
-    @property
-    def cached(self) -> str:
-        """How many runs so far were taken from the folder of :meth:`running`; empty: none."""
-        return ""
-
-    @property
-    def resumed(self) -> str:
-        """What is kept of a diagnosis that ends before its answer, and how to go on."""
-        return (
-            "nothing is kept, and the same command begins anew; an interruption after the first "
-            "fit gives an answer, as a limit of time does (--seconds, in Python Options(seconds=))"
-        )
+        return lazy_import("unmodeled.diagnosis:fit_model")(self, records, **given)
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """Prepare the model and all records of a fit or diagnosis.
@@ -735,87 +616,6 @@ class Model(ABC):
     def tabulated(self) -> Model:
         """The model for a simulation with its tabulated numbers: :meth:`ready` sizes no effect."""
         return self
-
-    @property
-    def text(self) -> str:
-        """The unchanged file as :meth:`write` would write it; empty: a changed one is no text."""
-        return ""
-
-    @property
-    def suffixes(self) -> tuple[str, ...]:
-        """Endings of the files that :meth:`write` can write, the usual one first."""
-        return (".toml",)
-
-    def check_writing(self, path: Path) -> None:
-        """Check whether :meth:`write` can write this file.
-
-        Raises
-        ------
-        InvalidParameter
-            The ending is another one, or the model cannot be written.
-        """
-        check_suffix(path, *self.suffixes)
-
-    @checked
-    def numbers(
-        self, theta: Array, included: Sequence[Candidate], magnitudes: Array
-    ) -> tuple[dict[str, float], dict[str, float]]:
-        """Values of the parameters, and magnitudes of the effects that are no parameters.
-
-        Parameters
-        ----------
-        theta, included, magnitudes
-            As for :meth:`write`.
-        """
-        check_shapes(self, included, {"theta": theta, "magnitudes": magnitudes})
-        values = {p.name: float(v) for p, v in zip(self.parameters, theta, strict=True)}
-        return values, {c.name: float(m) for c, m in zip(included, magnitudes, strict=True)}
-
-    def write(
-        self,
-        path: Path,
-        theta: Array,
-        included: Sequence[Candidate],
-        magnitudes: Array,
-        *,
-        provenance: str = "",
-        force: bool = False,
-    ) -> Path:
-        """Write the model with these values to a file: by default the numbers, as TOML.
-
-        Parameters
-        ----------
-        path
-            File to be written.
-        theta
-            Values of the parameters [their units], (p,).
-        included
-            Candidates that are part of the model.
-        magnitudes
-            Their magnitudes [their units], (k,).
-        provenance
-            Text about the origin of the values, for the file.
-        force
-            False: an existing file is not overwritten.
-        """
-        import tomlkit
-
-        self.check_writing(path)
-        document = tomlkit.document()
-        document.add(tomlkit.comment(f"{self.name}: {provenance}"))
-        listed = (*self.effects, *(c.effect for c in included))
-        units = {n: e.unit for e in listed for n in (e.name, str(e.data))}
-        units |= {p.name: p.unit for p in self.parameters}
-        for title, found in zip(
-            ("parameters", "effects"), self.numbers(theta, included, magnitudes), strict=True
-        ):
-            table = tomlkit.table()
-            for key, value in found.items():
-                table.add(key, float(f"{value:.9g}"))
-                table[key].comment(units.get(key, "1"))
-            if found:
-                document.add(title, table)
-        return write_text(path, tomlkit.dumps(document), force=force)
 
     def accepts(self, effect: Effect) -> bool:
         """Whether the model can simulate an effect. By default: only sensor and input effects."""
@@ -861,27 +661,6 @@ class Model(ABC):
         for request in requests:
             request.check(self)
         return difference_sensitivities(self, requests)
-
-
-def _with_inputs(record: Record, model: Model, notes: list[str]) -> Record:
-    """The record with the columns that are inputs of the model as inputs."""
-    modes: Mapping[InputMode, Sequence[str]] = model.input_modes or {record.input_mode: ()}
-    for mode, names in sorted(modes.items(), key=lambda m: m[0] != record.input_mode):
-        place: dict[str, str] = {}
-        for name in (*model.inputs, *names):
-            known = [n for n in (name, *model.input_names.get(name, ()))]
-            found = [n for n in known if n in record.inputs or n in record.outputs]
-            place |= {name: found[0]} if found else {}
-        moved = {n: c for n, c in place.items() if n not in record.inputs}
-        if len(place) < len(model.inputs) + len(names):
-            continue
-        if not moved:
-            return record
-        which = ", ".join(moved.values())
-        inputs = "are inputs" if len(moved) > 1 else "is an input"
-        notes.append(f"{record.name}: {which} {inputs} of the model {model.name}")
-        return record.with_columns_as_inputs(moved, mode)
-    return record
 
 
 # ---------------------------------------------------------------- derivatives by differences

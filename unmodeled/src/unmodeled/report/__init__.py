@@ -20,7 +20,9 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
 from unmodeled.files import make_folder, whole_folder, write_text
+from unmodeled.models.matching import matched
 from unmodeled.models.model import Candidate, Effect, Model
+from unmodeled.models.writing import numbers, write
 from unmodeled.pictures.curves import Law, Motions
 from unmodeled.report.figures import (
     answer,
@@ -813,7 +815,7 @@ class Explained:
     @property
     def left_out(self) -> tuple[str, ...]:
         """Changes that are no numbers of the model: of sensors, and of some records only."""
-        left = self.original.numbers(self.theta, self.included, self.magnitudes)[1]
+        left = numbers(self.original, self.theta, self.included, self.magnitudes)[1]
         return (*left, *(c.name for c in self.in_records))
 
     @checked
@@ -834,7 +836,7 @@ class Explained:
                 theta[c.parameter] += c.size
         included = (*self.included, *(c.effect for c in own if c.effect is not None))
         magnitudes = np.array([*self.magnitudes, *(c.size for c in own)])
-        (record,) = self.original.matched((record,)).records
+        (record,) = matched(self.original, (record,)).records
         return simulated(self.original, record, theta, included, magnitudes)
 
     @checked
@@ -853,7 +855,8 @@ class Explained:
         InvalidParameter
             The file has another ending, or its format cannot represent an effect.
         """
-        return self.original.write(
+        return write(
+            self.original,
             Path(path),
             self.theta,
             self.included,

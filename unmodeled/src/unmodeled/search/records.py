@@ -20,6 +20,7 @@ from unmodeled.data.wrapping import wrap_of
 from unmodeled.errors import DataError, InvalidParameter, near_names
 from unmodeled.fit.noise import Noise, noise_of, rounding_error
 from unmodeled.library import clock_rate
+from unmodeled.models.matching import matched
 from unmodeled.models.model import Effect, Model, Ready, start_in
 from unmodeled.search.options import Options
 from unmodeled.search.problem import (
@@ -51,12 +52,12 @@ def ready_records(model: Model, records: Sequence[Record] | Record) -> Ready:
         The faults because of which the records cannot be used, all in one message.
     """
     records, numbers = _numbered((records,) if isinstance(records, Record) else tuple(records))
-    matched = model.matched(records)
-    model, records = matched.model, matched.records
+    same = matched(model, records)
+    model, records = same.model, same.records
     notes = check_records(records, model)
     records, told = _without_constant(records, model.outputs)
     records, less = thinned(records, model.outputs)
-    notes += [*numbers, *matched.notes, *told, *less]
+    notes += [*numbers, *same.notes, *told, *less]
     ready = model.ready(records)
     return replace(ready, notes=tuple(dict.fromkeys((*notes, *ready.notes))))
 
