@@ -421,6 +421,40 @@ def _guilty(action: Action, causes: Sequence[_Cause]) -> tuple[tuple[str, ...], 
     return tuple(bodies), tuple(points)
 
 
+def _guilty_groups(
+    data: Mapping[str, Any], base: Action, entries: Mapping[str, Entry]
+) -> list[list[_Cause]]:
+    """The groups of causes that are parts: a late camera is no fault of the instrument."""
+    groups = _causes(data, entries)
+    if strange := [c.component for g in groups for c in g if c.entry is None]:
+        raise InvalidParameter(
+            f"mechanism {base.name!r} has no {', '.join(strange)}: the result is that of another "
+            "mechanism; give the one that was diagnosed"
+        )
+    return [g for g in groups if any(_is_part(c) for c in g)]
+
+
+def _is_part(cause: _Cause) -> bool:
+    return cause.entry is not None and cause.entry.kind in PARTS
+
+
+def _actions(
+    data: Mapping[str, Any], base: Action, entries: Mapping[str, Entry], groups: list[list[_Cause]]
+) -> tuple[Action, Action]:
+    """The mechanism with and without the causes, both with the fitted parameters."""
+    causes = [c for group in groups for c in group]
+    listed = {c.entry.name for c in causes if c.entry}
+    fitted = [
+        (entries[p["name"]], float(p["value"]) - float(p["tabulated"]), None)
+        for p in data["parameters"]
+        if p["name"] in entries.keys() - listed and not any(c.parameter for c in causes)
+    ]
+    healthy = action_with_effects(base, fitted)
+    first = [next(c for c in g if _is_part(c)) for g in groups]
+    changes = [(c.entry, c.size_si, c.shape) for c in first if c.entry]
+    return action_with_effects(healthy, changes), healthy
+
+
 @checked
 def customer_page(
     result: str | Path,
@@ -463,27 +497,9 @@ def customer_page(
         _image(photo)
     library = load_library(base)
     entries = {e.name: e for e in (*library.tolerances, *library.effects)}
-    groups = _causes(data, entries)
+    groups = _guilty_groups(data, base, entries)
     causes = [c for group in groups for c in group]
-    strange = [c.component for c in causes if c.entry is None]
-    if strange:
-        raise InvalidParameter(
-            f"mechanism {base.name!r} has no {', '.join(strange)}: the result is that of another "
-            "mechanism; give the one that was diagnosed"
-        )
-    # A late camera is no fault of the instrument.
-    groups = [g for g in groups if any(c.entry and c.entry.kind in PARTS for c in g)]
-    causes = [c for group in groups for c in group]
-    fitted = [
-        (entries[p["name"]], float(p["value"]) - float(p["tabulated"]), None)
-        for p in data["parameters"]
-        if p["name"] in entries and not any(c.parameter for c in causes)
-    ]
-    listed = {c.entry.name for c in causes if c.entry}
-    healthy = action_with_effects(base, [f for f in fitted if f[0].name not in listed])
-    first = [next(c for c in g if c.entry and c.entry.kind in PARTS) for g in groups]
-    changes = [(c.entry, c.size_si, c.shape) for c in first if c.entry]
-    faulty = action_with_effects(healthy, changes)
+    faulty, healthy = _actions(data, base, entries, groups)
     if after is not None:
         healthy = load_action(after) if isinstance(after, str) else after
     bodies, points = _guilty(base, causes)

@@ -207,6 +207,24 @@ def _felts(config: MechanismFile) -> list[list[str]]:
     return groups
 
 
+def _changes(config: MechanismFile) -> Iterator[tuple[str, str, str, float, list[str]]]:
+    """Part, kind, text, amount and entries of the library of the changes of felts and springs."""
+    felts = [(_label(config, group), group) for group in _felts(config)]
+    for part, group in felts:
+        thickness = [f"felt_thickness.{c}" for c in group]
+        for amount in (2e-4, 5e-4):
+            yield part, THINNER, f"{1e3 * amount:g} mm thinner", amount, thickness
+        yield part, HARDER, "20 % harder", 0.2, [f"felt_stiffness.{c}" for c in group]
+    doubled = [(part, [f"contact_friction.{c}" for c in group]) for part, group in felts]
+    doubled += [(f"{body.label or name}, joint", [f"joint_friction.{name}"])
+                for name, body in config.bodies.items()]  # fmt: skip
+    for part, names in doubled:
+        yield part, FRICTION, "friction doubled", 1.0, names
+    for name, spring in config.springs.items():
+        part = spring.label or name.replace("_", " ")
+        yield part, SPRING, "20 % weaker", -0.2, [f"spring_rate.{name}"]
+
+
 def variants(
     action: Action, *, screws: bool = False, targets: Targets | None = None
 ) -> Iterator[tuple[Variant, Action | None]]:
@@ -219,9 +237,9 @@ def variants(
     config = action.config
 
     def made(
-        part: str, kind: str, change: str, amount: float, names: Sequence[str], magnitude: float
+        part: str, kind: str, change: str, amount: float, names: Sequence[str]
     ) -> Iterator[tuple[Variant, Action | None]]:
-        used = [(entries[n], magnitude, None) for n in names if n in entries]
+        used = [(entries[n], amount, None) for n in names if n in entries]
         other: Action | None = None
         with contextlib.suppress(InvalidParameter):  # such as a radius below zero
             other = action_with_effects(action, used)
@@ -229,24 +247,8 @@ def variants(
             remedy = used[0][0].remedy or _remedy(entries, names[0])
             yield Variant(part, kind, change, amount, remedy), other
 
-    for group in _felts(config):
-        part = _label(config, group)
-        thickness = [f"felt_thickness.{c}" for c in group]
-        for amount in (2e-4, 5e-4):
-            text = f"{1e3 * amount:g} mm thinner"
-            yield from made(part, THINNER, text, amount, thickness, amount)
-        stiffness = [f"felt_stiffness.{c}" for c in group]
-        yield from made(part, HARDER, "20 % harder", 0.2, stiffness, 0.2)
-    for group in _felts(config):
-        friction = [f"contact_friction.{c}" for c in group]
-        yield from made(_label(config, group), FRICTION, "friction doubled", 1.0, friction, 1.0)
-    for name, body in config.bodies.items():
-        part = f"{body.label or name}, joint"
-        names = [f"joint_friction.{name}"]
-        yield from made(part, FRICTION, "friction doubled", 1.0, names, 1.0)
-    for name, spring in config.springs.items():
-        part = spring.label or name.replace("_", " ")
-        yield from made(part, SPRING, "20 % weaker", -0.2, [f"spring_rate.{name}"], -0.2)
+    for part, kind, text, amount, names in _changes(config):
+        yield from made(part, kind, text, amount, names)
     for key, bushing in config.bushings.items():
         path, more = f"bushings.{key}.tightness", bushing.swollen
         remedy = "Ease the bushing or the hole, and polish the pin."

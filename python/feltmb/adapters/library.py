@@ -9,7 +9,7 @@ from __future__ import annotations
 import fnmatch
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
@@ -255,28 +255,35 @@ def _slides(config: MechanismFile, body: Body) -> bool:
     return above is not None and above.joint == "prismatic" and above.mass == 0.0
 
 
+#: Table of a mechanism, and the condition of its items, by the ``for`` of a table of a library.
+_TABLES: Mapping[Each, tuple[str, Callable[[Any], bool]]] = {
+    "body": ("bodies", lambda b: b.mass > 0.0),
+    "joint": ("bodies", lambda b: b.joint != "weld"),
+    "pivot": ("bodies", lambda b: b.joint == "revolute"),
+    "contact": ("contacts", lambda c: c.enabled),
+    "rubbing contact": ("contacts", lambda c: c.enabled and c.friction.amplitude != 0.0),
+    "beam": ("bodies", lambda b: b.kind == "beam" and not b.rigid),
+    "rigid beam": ("bodies", lambda b: b.kind == "beam" and b.rigid and bool(
+        b.young_modulus and b.second_moment)),
+    "spring": ("springs", lambda s: s.enabled),
+    "strap": ("straps", lambda s: s.enabled),
+}  # fmt: skip
+
+
 def _names(config: MechanismFile, channels: Iterable[str]) -> Mapping[Each, Iterable[str]]:
     """Names of the items to which a table applies, by its ``for``."""
-    bodies, string = config.bodies.items(), config.string
-    joints = [(n, b) for n, b in bodies if b.joint != "weld"]
-    beams = [(n, b) for n, b in bodies if b.kind == "beam"]
-    contacts = [(n, c) for n, c in config.contacts.items() if c.enabled]
-    return {
+    string = config.string
+    found: dict[Each, Iterable[str]] = {
         "": [""],
-        "body": [n for n, b in bodies if b.mass > 0.0],
-        "joint": [n for n, _ in joints],
-        "pivot": [n for n, b in joints if b.joint == "revolute" and not _slides(config, b)],
-        "contact": [n for n, _ in contacts],
-        "rubbing contact": [n for n, c in contacts if c.friction.amplitude != 0.0],
-        "beam": [n for n, b in beams if not b.rigid],
-        "rigid beam": [n for n, b in beams if b.rigid and b.young_modulus and b.second_moment],
-        "spring": [n for n, s in config.springs.items() if s.enabled],
-        "strap": [n for n, s in config.straps.items() if s.enabled],
         "string": [""] if string is not None and string.kind == "modal" else [],
         "point": config.points,
         "channel": channels,
         "finger": [] if config.finger is None else [config.finger.body],
     }
+    for each, (table, holds) in _TABLES.items():
+        found[each] = [n for n, item in getattr(config, table).items() if holds(item)]
+    found["pivot"] = [n for n in found["pivot"] if not _slides(config, config.bodies[n])]
+    return found
 
 
 def _words(config: MechanismFile, each: Each, name: str) -> dict[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Mapping
 
 from unmodeled.arguments import checked
 from unmodeled.errors import InvalidParameter
@@ -48,20 +49,7 @@ def bulk(
         "fiber_density": fiber_density,
     }
     known = {name: value for name, value in given.items() if value is not None}
-    faults = [
-        f"{name} = {value:g}, must be finite and > 0"
-        for name, value in known.items()
-        if not (math.isfinite(value) and value > 0.0)
-    ]
-    one = [name for name in ("v_f", "density", "porosity", "area_weight") if name in known]
-    if len(one) != 1:
-        got = ", ".join(one) or "none"
-        faults.append(f"got {got}, expected one of v_f, density, porosity, area_weight")
-    if "area_weight" in known and "thickness" not in known:
-        faults.append("area_weight without thickness")
-    if "diameter" in known and "fineness" in known:
-        faults.append("diameter and fineness, expected one of them")
-    if faults:
+    if faults := [*_faults(known)]:
         raise InvalidParameter("\n".join(f"bulk: {fault}" for fault in faults))
     if "area_weight" in known:
         known["density"] = known["area_weight"] / known["thickness"]
@@ -81,3 +69,18 @@ def bulk(
     elif "diameter" in known:
         known["fineness"] = 0.25 * math.pi * known["diameter"] ** 2 * fiber_density
     return {name: known[name] for name in given if name in known}
+
+
+def _faults(known: Mapping[str, float]) -> Iterator[str]:
+    """Why the given numbers do not belong together."""
+    for name, value in known.items():
+        if not (math.isfinite(value) and value > 0.0):
+            yield f"{name} = {value:g}, must be finite and > 0"
+    one = [name for name in ("v_f", "density", "porosity", "area_weight") if name in known]
+    if len(one) != 1:
+        got = ", ".join(one) or "none"
+        yield f"got {got}, expected one of v_f, density, porosity, area_weight"
+    if "area_weight" in known and "thickness" not in known:
+        yield "area_weight without thickness"
+    if "diameter" in known and "fineness" in known:
+        yield "diameter and fineness, expected one of them"

@@ -191,6 +191,25 @@ def _first_loading(test: Specimen) -> tuple[Array, Array, Drift | None]:
     return x, force if drift is None else force - drift.force, drift
 
 
+def _space(law: LoadingLaw, before: float, drifts: bool) -> tuple[Array, Array, list[Array]]:
+    """Bounds and starts of what is fitted of a law of loading.
+
+    These are shape, force at the end; room behind the end, or c / a + 1; way from the zero to the
+    first load, at most ``before`` of the span; drift in its standard errors.
+    """
+    low, high = [0.0 if law != "exponential" else -5.0, -3.0], [math.log(STEEPEST), 3.0]
+    shapes = [[math.log(exponent), 0.0] for exponent in (2.0, 6.0)]
+    if law != "power":
+        low, high = [*low, -12.0], [*high, 5.0]
+        shapes = [[*s, math.log(room)] for s in shapes for room in (0.2, 1.0)]
+    if before:
+        low, high = [*low, -12.0], [*high, math.log(before)]
+        shapes = [[*s, math.log(way)] for s in shapes for way in (0.02, 0.3)]
+    if drifts:
+        low, high, shapes = [*low, -5.0], [*high, 5.0], [[*s, 0.0] for s in shapes]
+    return np.array(low), np.array(high), [np.array(s) for s in shapes]
+
+
 def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> LawFit:
     """A law of loading. The misfit is a share of the force, so that small forces count too."""
     x, force, drift = _first_loading(test)
@@ -202,19 +221,8 @@ def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> La
     before = 0.0 if test.zero is not None else max(begin - contact.low, 1e-3 * span)
     if law.startswith("van_wyk") and thickness:
         before = min(before, _room(test, thickness, end, begin))
-    # Shape, force at the end; room behind the end, or c / a + 1; way from the zero to the first
-    # load; drift in its standard errors.
-    low, high = [0.0 if law != "exponential" else -5.0, -3.0], [math.log(STEEPEST), 3.0]
-    shapes = [[math.log(exponent), 0.0] for exponent in (2.0, 6.0)]
-    if law != "power":
-        low, high = [*low, -12.0], [*high, 5.0]
-        shapes = [[*s, math.log(room)] for s in shapes for room in (0.2, 1.0)]
-    if before:
-        way = len(low)
-        low, high = [*low, -12.0], [*high, math.log(before / span)]
-        shapes = [[*s, math.log(way)] for s in shapes for way in (0.02, 0.3)]
-    if drift:
-        low, high, shapes = [*low, -5.0], [*high, 5.0], [[*s, 0.0] for s in shapes]
+    low, high, starts = _space(law, before / span, drift is not None)
+    way = 2 + (law != "power")
 
     def values(p: Array) -> dict[str, float]:
         zero = test.zero if test.zero is not None else begin - span * math.exp(p[way])
@@ -232,9 +240,8 @@ def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> La
         left = (fitted(p) - force) / np.hypot(noise, share * np.maximum(force, 0.0))
         return np.append(left, p[-1]) if drift else np.asarray(left)
 
-    starts = [np.array(s) for s in shapes]
     for _ in range(4):
-        found = _estimate(rest, starts, np.array(low), np.array(high))
+        found = _estimate(rest, starts, low, high)
         starts, left = [found.best], fitted(found.best) - force
         counts = force > 10.0 * noise
         extra = (left[counts] ** 2 - noise**2) / force[counts] ** 2
@@ -244,7 +251,8 @@ def _fit_loading(test: Specimen, law: LoadingLaw, thickness: float | None) -> La
     given = _given(law, thickness) | ({"zero"} if not before else set())
     interval = {k: _interval(found, values, k) for k in v if k not in given}
     warnings = [drift.text] if drift else []
-    if share > MISSES or rms > FAR * max(noise, QUIET * top):
+    misses = share > MISSES or rms > FAR * max(noise, QUIET * top)
+    if misses:
         interval = {}
         warnings.append(
             f"the law {law} does not follow the test, typically off by {100 * share:.3g} % of the "

@@ -8,7 +8,7 @@ transition from loading to unloading is that with the smallest difference from t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -398,6 +398,35 @@ def _sample_faults(x: Array, f: Array) -> Iterator[str]:
         yield f"force from {ends} N, expected compression to be positive"
 
 
+def _argument_faults(x: Array, clock: Array, points: int, loss: float | None) -> Iterator[str]:
+    if points < 5:
+        yield f"points = {points}, must be >= 5"
+    if clock.shape != x.shape or not np.all(np.diff(clock) >= 0.0):
+        yield f"time {clock.shape}, expected one that runs on, as long as displacement"
+    if loss is not None and not 0.0 <= loss < 1.0:
+        yield f"loss = {loss:g}, must be >= 0 and < 1"
+
+
+def _side_faults(sides: Mapping[str, NDArray[np.intp]]) -> list[str]:
+    faults = [
+        f"{at.size} samples of {side}, expected at least {LEAST}"
+        for side, at in sides.items()
+        if at.size < LEAST
+    ]
+    if faults and sides["loading"].size >= LEAST:
+        faults.append("of a test of loading only, give the loss (loss, --loss 30%; 0: elastic)")
+    return faults
+
+
+def _zero_faults(x: Array, zero: float | None) -> Iterator[str]:
+    least, most = float(np.min(x)), float(np.max(x))
+    if zero is not None and not 2.0 * least - most <= zero < most:
+        yield (
+            f"zero = {zero:.6g} m, expected less than the largest displacement, near those of the "
+            f"test: {least:.6g} to {most:.6g} m"
+        )
+
+
 def _measured_loop(
     displacement: Array,
     force: Array,
@@ -413,15 +442,8 @@ def _measured_loop(
 ) -> MeasuredLoop:
     """As :func:`measured_loop`; by thickness, the displacement is minus the thickness."""
     x, f = np.asarray(displacement, dtype=float), np.asarray(force, dtype=float)
-    faults = [*_sample_faults(x, f)]
-    if points < 5:
-        faults.append(f"points = {points}, must be >= 5")
     clock = np.arange(x.size, dtype=float) if time is None else np.asarray(time, dtype=float)
-    if clock.shape != x.shape or not np.all(np.diff(clock) >= 0.0):
-        faults.append(f"time {clock.shape}, expected one that runs on, as long as displacement")
-    if loss is not None and not 0.0 <= loss < 1.0:
-        faults.append(f"loss = {loss:g}, must be >= 0 and < 1")
-    _refuse(faults)
+    _refuse([*_sample_faults(x, f), *_argument_faults(x, clock, points, loss)])
     approach = None
     if loss is not None:
         x, f, clock, approach = _with_unloading(x, f, clock, loss, zero)
@@ -431,20 +453,7 @@ def _measured_loop(
         raise InvalidParameter(f"measured_loop: {error}") from None
     loading, unloading = (branches.kept[s] for s in (branches.loading, ~branches.loading))
     sides = {"loading": loading, "unloading": unloading}
-    faults = [
-        f"{at.size} samples of {side}, expected at least {LEAST}"
-        for side, at in sides.items()
-        if at.size < LEAST
-    ]
-    if faults and loading.size >= LEAST:
-        faults.append("of a test of loading only, give the loss (loss, --loss 30%; 0: elastic)")
-    least, most = float(np.min(x)), float(np.max(x))
-    if zero is not None and not 2.0 * least - most <= zero < most:
-        faults.append(
-            f"zero = {zero:.6g} m, expected less than the largest displacement, near those of the "
-            f"test: {least:.6g} to {most:.6g} m"
-        )
-    _refuse(faults)
+    _refuse([*_side_faults(sides), *_zero_faults(x, zero)])
     limit = saturation(x[branches.kept], f[branches.kept], branches.loading)
     _refuse([limit] if limit else [])
     given = zero is not None
@@ -488,24 +497,31 @@ def _measured_loop(
     )
     if not given:
         found = replace(found, zero_interval=(contact.low, contact.high))
-    notes = _notes(found, given=given)
-    notes += [
-        f"{side} has no samples below {1e3 * curve.low:.4g} mm of compression: it continues there "
-        "as a power of the compression"
-        for side, curve in zip(sides, curves, strict=True)
-        if curve.low
-    ]
-    if offset:
-        notes.append(f"the force of the free approach, {offset:.4g} N, is subtracted")
+    notes = [*_notes(found, given=given), *_assumptions(curves, offset, loss)]
     if loss is not None:
-        notes.append(
-            f"loading only: the loss of {100 * loss:.3g} % is an assumption, and so is unloading, "
-            "loading times a power of the compression"
-        )
         sure = replace(found.uncertainty, loss=0.0, unloading=found.uncertainty.loading)
         found = replace(found, uncertainty=sure)
     notes += [part.text for part in (drift, approach) if part and part.total]
     return replace(found, notes=tuple(notes))
+
+
+def _assumptions(
+    curves: Sequence[MonotoneCurve], offset: float, loss: float | None
+) -> Iterator[str]:
+    """What a loop has that was not measured."""
+    for side, curve in zip(("loading", "unloading"), curves, strict=True):
+        if curve.low:
+            yield (
+                f"{side} has no samples below {1e3 * curve.low:.4g} mm of compression: it "
+                "continues there as a power of the compression"
+            )
+    if offset:
+        yield f"the force of the free approach, {offset:.4g} N, is subtracted"
+    if loss is not None:
+        yield (
+            f"loading only: the loss of {100 * loss:.3g} % is an assumption, and so is unloading, "
+            "loading times a power of the compression"
+        )
 
 
 def _with_unloading(

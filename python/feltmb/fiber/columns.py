@@ -398,6 +398,15 @@ def _fits(columns: Columns, column: str, quantity: str) -> bool:
     return True
 
 
+def _no_column(columns: Columns, wanted: Sequence[str]) -> str:
+    known = "; ".join(f"{q}: {NAMES[q]}" for q in wanted)
+    return (
+        f"expected a column {' or '.join(wanted)}; there are {columns}. Names: {known}; also with "
+        f"{_BESIDE} (another one: --column {wanted[0]}=COLUMN --unit {wanted[0]}=UNIT, in Python "
+        "options)"
+    )
+
+
 def _choose(
     columns: Columns,
     units: dict[str, str],
@@ -411,16 +420,8 @@ def _choose(
     quantity = next((q for q in wanted if q in stated), "") or next(
         (q for q in wanted if named[q]), ""
     )
-    if not quantity and (wrong := [*_wrong_units(columns, wanted)]):
-        faults += wrong
-        return "", ""
     if not quantity:
-        known = "; ".join(f"{q}: {NAMES[q]}" for q in wanted)
-        faults.append(
-            f"expected a column {' or '.join(wanted)}; there are {columns}. Names: {known}; "
-            f"also with {_BESIDE} "
-            f"(another one: --column {wanted[0]}=COLUMN --unit {wanted[0]}=UNIT, in Python options)"
-        )
+        faults += [*_wrong_units(columns, wanted)] or [_no_column(columns, wanted)]
         return "", ""
     headings = [columns.headings.get(c, c) for c in named[quantity]]
     alike = len(headings) > 1 and _one_reading(columns, named[quantity], units[quantity])
@@ -434,13 +435,8 @@ def _choose(
             f"columns {shortened(', '.join(headings), 300)} are each a {quantity}, expected one: "
             f"--column {quantity}=COLUMN chooses it (in Python options)"
         )
-    others = [
-        columns.headings.get(c, c)
-        for q in units
-        if q != quantity
-        for c in named[q]
-        if c not in named[quantity]
-    ]
+    beside = dict.fromkeys(c for q in units for c in named[q] if c not in named[quantity])
+    others = [columns.headings.get(c, c) for c in beside]
     if others:
         notes.append(
             f"{headings[0]} is used, not {shortened(', '.join(dict.fromkeys(others)), 300)}"

@@ -136,22 +136,6 @@ class Network:
         """Complete second and fourth-order structure tensors, by sums over all pairs."""
         return _core.estimate_tensors(self.directions, threads)
 
-    @checked
-    def replicate_error(self, n_replicates: int = 16, threads: int = 0) -> dict[str, float]:
-        """Estimate the sampling error from the scatter of networks with other seeds.
-
-        In contrast to the error of :meth:`structure`, it is also correct after diffusion steps.
-        """
-        if n_replicates < 2:
-            raise InvalidParameter(f"network: n_replicates = {n_replicates}, must be >= 2")
-        rows = []
-        for k in range(n_replicates):
-            other = network(len(self.directions), self.seed + 1 + k, self.spread, threads)
-            s = other.deform(self.deformation).structure(threads)
-            rows.append([s.f, s.n3, s.e3, s.K3, s.M3])
-        scatter = np.std(np.array(rows), axis=0, ddof=1)
-        return dict(zip(["f", "n3", "e3", "K3", "M3"], scatter.tolist(), strict=True))
-
 
 @checked
 def network(n: int, seed: int = 0, spread: int = 30, threads: int = 0) -> Network:

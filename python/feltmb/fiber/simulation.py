@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -312,18 +312,7 @@ class FiberRun:
             header = json.loads(str(stored["header"]))
             if header["format"] != _FORMAT:
                 raise ValueError(f"format = {shown(header['format'])}, expected {_FORMAT}")
-            length = np.size(table["phase"])
-            for name in (*_TABLE, *table):
-                values = table[name]
-                if (
-                    values.dtype != float
-                    or values.shape != (length,)
-                    or not np.all(np.isfinite(values))
-                ):
-                    raise ValueError(f"column {name}: expected {length} finite numbers")
-            for name in _STATE:
-                if state[name].dtype.kind not in "fiu" or state[name].ndim != 1:
-                    raise ValueError(f"state {name}: expected a list of numbers")
+            _check_arrays(table, state)
             for name, kind in (("box", FiberBox), ("cycle", Cycle)):
                 if other := header[name].keys() - {f.name for f in fields(kind)}:
                     raise ValueError(f"{name}: unknown entries {shown(sorted(other))}")
@@ -345,6 +334,19 @@ class FiberRun:
         except (ValueError, TypeError, AttributeError, RecursionError) as error:
             reason = str(error)
         raise DataError(f"{file}: is not a saved fiber simulation: {reason}")
+
+
+def _check_arrays(table: Mapping[str, Any], state: Mapping[str, Any]) -> None:
+    """Refuse arrays of a file that no simulation has saved."""
+    length = np.size(table["phase"])
+    for name in (*_TABLE, *table):
+        values = table[name]
+        shaped = values.dtype == float and values.shape == (length,)
+        if not (shaped and np.all(np.isfinite(values))):
+            raise ValueError(f"column {name}: expected {length} finite numbers")
+    for name in _STATE:
+        if state[name].dtype.kind not in "fiu" or state[name].ndim != 1:
+            raise ValueError(f"state {name}: expected a list of numbers")
 
 
 def _expected(box: FiberBox, directions: Array, v_f: float, volume: float) -> dict[str, float]:

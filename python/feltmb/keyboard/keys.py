@@ -285,6 +285,22 @@ def _size(rows: Mapping[int, object]) -> int:
 # --- JSON ----------------------------------------------------------------------------------------
 
 
+def _numbers_of(
+    entry: Mapping[str, Any], measures: Mapping[str, Any], where: str, faults: list[str]
+) -> dict[str, float]:
+    """Numbers of a key; what its entry lacks stands above all keys."""
+    older = {"downWeightWithoutSpringSupport": entry.get("downWeight")}
+    found = {}
+    for name, column in COLUMNS.items():
+        value = entry.get(column.json, older.get(column.json))
+        value = measures.get(column.json) if value is None else value
+        if isinstance(value, bool) or not isinstance(value, (int, float, type(None))):
+            faults.append(f"{where}.{column.json}: got {value!r}, expected a number or null")
+        elif value is not None:
+            found[name] = float(value)
+    return found
+
+
 def _from_json(path: Path) -> Keyboard:
     data = read_json(path)
     top: Any = data if isinstance(data, dict) else {}
@@ -306,20 +322,9 @@ def _from_json(path: Path) -> Keyboard:
         faults.append(f"measures.keys: got {len(keys)} keys, expected {count}, piano.keyCount")
     rows: dict[int, dict[str, float]] = {}
     for key, entry in enumerate(keys, start=1):
-        if not isinstance(entry, dict):
+        if isinstance(entry, dict):
+            rows[key] = _numbers_of(entry, measures, f"measures.keys[{key - 1}]", faults)
+        else:
             faults.append(f"measures.keys[{key - 1}]: got {type(entry).__name__}, expected a table")
-            continue
-        older = {"downWeightWithoutSpringSupport": entry.get("downWeight")}
-        rows[key] = {}
-        for name, column in COLUMNS.items():
-            value = entry.get(column.json, older.get(column.json))
-            value = measures.get(column.json) if value is None else value
-            if value is None:
-                continue
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                faults.append(f"measures.keys[{key - 1}].{column.json}: got {value!r}, "
-                              "expected a number or null")  # fmt: skip
-            else:
-                rows[key][name] = float(value)
     told = (str(piano.get(k) or "").strip() for k in ("brand", "model"))
     return _checked(path, " ".join(filter(None, told)) or path.stem, rows, len(keys), notes, faults)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from feltmb import _core
@@ -149,23 +149,31 @@ def describe(
     return description
 
 
+def _made(
+    table: Mapping[str, Any],
+    make: Callable[[str, Any], Any],
+    known: dict[int, tuple[Any, Any]] | None,
+) -> Iterator[Any]:
+    """What is made from each item of a table; ``known``: what was made from the same item."""
+    for name, node in table.items():
+        made = None if known is None else known.get(id(node), (None, None))[1]
+        if made is None:
+            made = make(name, node)
+            if known is not None and made is not None:
+                known[id(node)] = (node, made)
+        yield made
+
+
 def describe_with_faults(
     config: MechanismFile, known: dict[int, tuple[Any, Any]] | None = None
 ) -> tuple[_core.MechanismDescription, list[str]]:
     """Description without the contacts with invalid laws, and the faults of these laws."""
 
     def each(table: Mapping[str, Any], make: Callable[[str, Any], Any]) -> list[Any]:
-        if known is None:
-            return [make(name, node) for name, node in table.items()]
-        out = []
-        for name, node in table.items():
-            if id(node) not in known:
-                made = make(name, node)
-                if made is None:
-                    continue
-                known[id(node)] = (node, made)
-            out.append(known[id(node)][1])
-        return out
+        return [made for made in _made(table, make, known) if made is not None]
+
+    def enabled(table: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: node for name, node in table.items() if node.enabled}
 
     d = _core.MechanismDescription(name=config.name, gravity=config.gravity)
     loaded = {name: with_leads(config, name) for name in config.bodies}
@@ -182,10 +190,10 @@ def describe_with_faults(
             faults.append(f"contacts.{key}: {error}")
             return None
 
-    d.contacts = [c for c in each(config.contacts, contact) if c is not None]
-    d.springs = each({k: s for k, s in config.springs.items() if s.enabled}, _core_spring)
-    d.dashpots = each({k: s for k, s in config.dashpots.items() if s.enabled}, _core_dashpot)
-    d.straps = each({k: s for k, s in config.straps.items() if s.enabled}, _core_strap)
+    d.contacts = each(config.contacts, contact)
+    d.springs = each(enabled(config.springs), _core_spring)
+    d.dashpots = each(enabled(config.dashpots), _core_dashpot)
+    d.straps = each(enabled(config.straps), _core_strap)
     if config.string is not None:
         d.strings = [_core_string(config.string)]
     d.points = each(config.points, _core_point)

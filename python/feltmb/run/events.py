@@ -38,6 +38,26 @@ def undoes(change: Change, name: str, rule: NamedEvent) -> bool:
     return _concerns(change, name, rule) and not matches(change, name, rule)
 
 
+def _chosen(
+    changes: Sequence[Change], name: str, rule: NamedEvent, low: float, high: float
+) -> int | None:
+    """Index of the change that a rule selects between two times [s]."""
+    candidates = [
+        i for i, c in enumerate(changes) if low <= c.time <= high and matches(c, name, rule)
+    ]
+    if not candidates:
+        return None
+    chosen = candidates[0] if rule.which == "first" else candidates[-1]
+    last = changes[chosen]
+    # The last opening before an event counts only if the contact then stayed open.
+    undone = rule.which == "last" and rule.before is not None and rule.contact is not None
+    undone = undone and any(
+        c.contact == last.contact and c.closes != last.closes and last.time < c.time <= high
+        for c in changes
+    )
+    return None if undone else chosen
+
+
 def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> dict[str, int]:
     """Index of the change that is each named event; events that did not happen are absent.
 
@@ -60,36 +80,17 @@ def name_events(changes: Sequence[Change], rules: Mapping[str, NamedEvent]) -> d
             return None
         low, high = float("-inf"), float("inf")
         if rule.after is not None:
-            index = resolve(rule.after)
-            if index is None:
+            if (index := resolve(rule.after)) is None:
                 return None
             low = changes[index].time
-            if rule.within is not None:
-                high = low + rule.within
+            high = high if rule.within is None else low + rule.within
         if rule.before is not None:
-            index = resolve(rule.before)
-            if index is None:
+            if (index := resolve(rule.before)) is None:
                 return None
             high = min(high, changes[index].time)
-        candidates = [
-            i
-            for i, change in enumerate(changes)
-            if low <= change.time <= high and matches(change, name, rule)
-        ]
-        if not candidates:
-            return None
-        chosen = candidates[0] if rule.which == "first" else candidates[-1]
-        if rule.which == "last" and rule.before is not None and rule.contact is not None:
-            # The last opening before an event counts only if the contact then stayed open.
-            undone = any(
-                change.contact == changes[chosen].contact
-                and change.closes != changes[chosen].closes
-                and changes[chosen].time < change.time <= high
-                for change in changes
-            )
-            if undone:
-                return None
-        found[name] = chosen
+        chosen = _chosen(changes, name, rule, low, high)
+        if chosen is not None:
+            found[name] = chosen
         return chosen
 
     for name in rules:

@@ -824,10 +824,6 @@ CALLS = {
         fiber.network(100),
         {"deformation": np.diag([1.0, 1.0, 0.5])},
     ),
-    "feltmb.fiber.Network.replicate_error": lambda: (
-        fiber.network(100),
-        {"n_replicates": 2, "threads": 1},
-    ),
     "feltmb.fiber.Network.structure": lambda: (fiber.network(100), {"threads": 1}),
     "feltmb.fiber.Network.tensors": lambda: (fiber.network(100), {"threads": 1}),
     "feltmb.fiber.unusual": lambda: {"d_f": 25e-6},

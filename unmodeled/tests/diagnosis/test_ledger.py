@@ -10,7 +10,7 @@ import pytest
 from unmodeled import InvalidParameter, diagnose
 from unmodeled.report.why import SENTENCES, why
 from unmodeled.search import ledger
-from unmodeled.search.ledger import RULES, Finding, Mark, from_plain, listed, marked, thresholds
+from unmodeled.search.ledger import RULES, Finding, Mark, from_plain, listed, marked
 from unmodeled.search.result import plain
 
 from .conftest import spring_record
@@ -48,8 +48,7 @@ def test_each_rule_has_a_code_a_threshold_a_sentence_and_a_case():
     codes = [r.code for r in RULES]
     assert len({*codes}) == len(codes)
     assert {*codes} == {*CASES} == {*SENTENCES}
-    assert [c for c, _, _ in thresholds()] == codes
-    assert all(words for code, _, words in thresholds() if code != "unsure")
+    assert all(r.threshold for r in RULES if r.code != "unsure")
     assert [r.code for r in RULES[ledger.MARKING :]] == list(BESIDE)
 
 

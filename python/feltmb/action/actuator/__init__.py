@@ -10,7 +10,6 @@ from feltmb.action.actuator.model import (
     Actuator,
     ActuatorRun,
     load_actuator,
-    packaged_actuators,
     simulate_actuator,
 )
 
@@ -23,7 +22,6 @@ __all__ = [
     "compose",
     "load_actuator",
     "match",
-    "packaged_actuators",
     "simulate_actuator",
     "stand_alone",
 ]

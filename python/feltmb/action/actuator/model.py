@@ -178,11 +178,6 @@ class ActuatorFile(Schema):
     mount: Mount | None = None
 
 
-def packaged_actuators() -> list[str]:
-    """Names of the packaged actuators."""
-    return params.names("actuators")
-
-
 def _resolve(name_or_path: str | Path) -> Path:
     return params.find(name_or_path, "actuators", "actuator")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -296,28 +296,33 @@ def _body_label(action: Action, name: str) -> str:
     return plain_text(action.config.bodies[name].label or name.replace("_", " "))
 
 
+def _obstacles(
+    action: Action,
+    drawn: Scene,
+    poses: Mapping[str, Pose],
+    bent: dict[str, Array],
+    pixels: Callable[[Array], Array],
+) -> Iterator[Array]:
+    """Points that labels must not cover [pixels]: outlines, string, arrow of the finger."""
+    for shape in drawn.shapes:
+        if shape.role in ("surface", "wood", "wire"):
+            yield _spaced(pixels(to_ground(poses[shape.body], shape.points)))
+    if (line := string_line(action)) is not None:
+        start, along, _, length = line
+        yield pixels(np.linspace(start, start + along * length, 300))
+    if (finger := action.config.finger) is not None:
+        at = point_at(action, poses, bent, finger.body, finger.point)
+        away = -np.array(finger.direction) / np.hypot(*finger.direction)
+        yield pixels(at + np.linspace(0, 42 * drawn.unit, 60)[:, None] * away)
+
+
 def _label_mechanism(
     ax: Axes, action: Action, drawn: Scene, q: Array, poses: Mapping[str, Pose]
 ) -> None:
     """Place numbers of contacts and names of bodies without overlaps."""
     bent = bent_beams(action, q)
     to_pixels = ax.transData
-    obstacles = []
-    for shape in drawn.shapes:
-        if shape.role in ("surface", "wood", "wire"):
-            points = to_ground(poses[shape.body], shape.points)
-            obstacles.append(_spaced(to_pixels.transform(points)))
-    line = string_line(action)
-    if line is not None:
-        start, along, _, length = line
-        obstacles.append(to_pixels.transform(np.linspace(start, start + along * length, 300)))
-    finger = action.config.finger
-    if finger is not None:
-        at = point_at(action, poses, bent, finger.body, finger.point)
-        away = -np.array(finger.direction) / np.hypot(*finger.direction)
-        obstacles.append(
-            to_pixels.transform(at + np.linspace(0, 42 * drawn.unit, 60)[:, None] * away)
-        )
+    obstacles = [*_obstacles(action, drawn, poses, bent, to_pixels.transform)]
     rows = contact_rows(action, q)
     for key, contact in action.config.contacts.items():
         if contact.enabled:

@@ -184,8 +184,3 @@ def marked(finding: Finding) -> Finding:
     first = next(r for r in RULES[:MARKING] if r.holds(finding))
     more = [r.code for r in RULES[MARKING:] if finding.member and r.holds(finding)]
     return replace(finding, mark=first.mark, codes=(first.code, *more))
-
-
-def thresholds() -> list[tuple[str, str, str]]:
-    """Code, mark and threshold of each rule, for the documentation."""
-    return [(r.code, r.mark.value if r.mark else "-", r.threshold) for r in RULES]
