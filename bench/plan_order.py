@@ -17,8 +17,8 @@ import numpy as np
 
 from unmodeled import Equations, Options, Record, Sensor, candidates, diagnose
 from unmodeled.experiment import Belief, plan
-from unmodeled.fit.authoring import Candidate
 from unmodeled.fit.observe import observe
+from unmodeled.models import Candidate
 
 MOST = 4
 TIME = np.arange(600) / 150.0

@@ -211,6 +211,16 @@ def load_library(action: Action, name_or_path: str | Path | None = None) -> Libr
     ------
     InvalidParameter
         Faults of the file, all in one message, or a path that the mechanism does not have.
+
+    Examples
+    --------
+    What may be off in the packaged upright:
+
+    >>> import feltmb
+    >>> from feltmb import adapters
+    >>> library = adapters.load_library(feltmb.load_action("steinway45"))
+    >>> len(library.effects) > 20
+    True
     """
     if name_or_path is None:
         name_or_path = _library_of(action.name)

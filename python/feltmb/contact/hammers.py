@@ -81,6 +81,14 @@ def hammer(name: str) -> Hammer:
     ------
     InvalidParameter
         There is no such hammer.
+
+    Examples
+    --------
+    A published hammer:
+
+    >>> from feltmb import contact
+    >>> contact.hammer("chaigne_askenfelt_C4").mass
+    0.00297
     """
     if name in HAMMERS:
         return HAMMERS[name]

@@ -176,6 +176,15 @@ def law(name: str, **parameters: Any) -> Law:
     InvalidParameter
         The name is unknown, or parameters are missing, unknown, of the wrong kind or out of range:
         all of the same sort in one message.
+
+    Examples
+    --------
+    A felt of 1e9 N/m^2.5 at a compression of 1 mm, pressed slowly:
+
+    >>> from feltmb import contact
+    >>> felt = contact.law("hunt_crossley", stiffness=1e9, exponent=2.5)
+    >>> round(float(felt.force(1e-3, 0.0)), 2)
+    31.62
     """
     if name == "micromechanical":
         from feltmb.contact.layer import layer_parameters

@@ -127,7 +127,17 @@ class CircleOnLayer(_FromCore):
 @checked
 @dataclass(frozen=True)
 class SphereOnLayer(_FromCore):
-    """Sphere pressed into a flat layer: area pi (2 r e - e^2), limited by the sphere."""
+    """Sphere pressed into a flat layer: area pi (2 r e - e^2), limited by the sphere.
+
+    Examples
+    --------
+    A sphere of 5 mm, pressed into a felt of 5 mm; force [N] at the largest compression:
+
+    >>> from feltmb import felt
+    >>> material = felt.load_material("synthetic_hammer")
+    >>> round(float(felt.envelope(material, 5e-3, felt.SphereOnLayer(5e-3)).loading[-1]), 1)
+    173.7
+    """
 
     radius: float
     """Radius of the sphere [m]."""

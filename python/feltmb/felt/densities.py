@@ -42,6 +42,15 @@ def bulk(
     ------
     InvalidParameter
         The numbers do not belong together; all faults are in the message.
+
+    Examples
+    --------
+    A felt of 3.4 mm with 1 kg/m^2, of wool:
+
+    >>> from feltmb import felt
+    >>> felt_ = felt.bulk(area_weight=1.0, thickness=3.4e-3)
+    >>> round(felt_["density"], 1), round(felt_["porosity"], 3)
+    (294.1, 0.775)
     """
     given = {
         **{"v_f": v_f, "density": density, "porosity": porosity, "area_weight": area_weight},

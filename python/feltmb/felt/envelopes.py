@@ -47,6 +47,14 @@ def parse_area(text: str) -> Area:
     ------
     InvalidParameter
         The text has faults; the message has all of them and the correct form.
+
+    Examples
+    --------
+    The area of contact of a sphere of 5 mm, as the command line takes it:
+
+    >>> from feltmb import felt
+    >>> felt.parse_area("sphere_on_layer:5mm").radius
+    0.005
     """
     name, _, rest = text.partition(":")
 
@@ -221,6 +229,16 @@ def envelope(
     ------
     InvalidParameter
         Arguments are out of range; all of them are in the message.
+
+    Examples
+    --------
+    Force [N] of a felt of 5 mm under 1 cm^2 at a compression of 1 mm:
+
+    >>> from feltmb import felt
+    >>> material = felt.load_material("synthetic_hammer")
+    >>> made = felt.envelope(material, 5e-3, felt.ConstantArea(1e-4))
+    >>> len(made.loading)
+    193
     """
     faults = []
     if not LIMITS["m"][0] <= thickness <= 1.0:

@@ -102,6 +102,14 @@ def mean_free_length(
     ------
     InvalidParameter
         Arguments are invalid; all of them are in the message.
+
+    Examples
+    --------
+    Fiber of 25 um between two contacts [um], 10 % of fibers, without a preferred direction:
+
+    >>> from feltmb import fiber
+    >>> round(1e6 * float(fiber.mean_free_length("toll", 0.1, 25e-6, ratio=1.0)), 1)
+    125.0
     """
     options = {"gamma": gamma, "Q": Q, "diameter_cv": diameter_cv, "as_printed": as_printed}
     return _evaluate(_core.mean_free_length, model, v_f, d_f, ratio, structure, options)
@@ -136,6 +144,14 @@ def contacts_per_volume(
     -------
     float or ndarray
         Contacts per volume [1/m^3].
+
+    Examples
+    --------
+    Contacts in a cubic millimeter of fibers of 25 um, 10 % of fibers:
+
+    >>> from feltmb import fiber
+    >>> round(1e-9 * float(fiber.contacts_per_volume("toll", 0.1, 25e-6, ratio=1.0)))
+    1630
     """
     options = {
         "gamma": gamma,
@@ -197,6 +213,14 @@ def contact_count(
         Blocked length per contact over d_f (binomial).
     k_max
         Largest number in the result; default: all numbers except for a probability of 1e-12.
+
+    Examples
+    --------
+    Contacts of a fiber of 1 mm and 25 um:
+
+    >>> from feltmb import fiber
+    >>> round(float(fiber.contact_count("poisson", 0.1, 25e-6, 1e-3).mean), 2)
+    8.0
     """
     if k_max is None:
         mean = 8 * max(v_f, 0.0) * max(fiber_length, 0.0) / (math.pi * max(d_f, 1e-300))

@@ -38,6 +38,15 @@ def law(model: str, **params: float) -> _core.CompressionLaw:
     ------
     InvalidParameter
         Parameters are unknown, missing or out of range; all of them are in the message.
+
+    Examples
+    --------
+    Van Wyk's pressure [Pa] of wool at a volume fraction of 20 %:
+
+    >>> from feltmb import fiber
+    >>> wool = fiber.law("van_wyk", k_p=0.01, E=2.5e9, v_f0=0.1)
+    >>> round(float(wool.pressure(0.2)))
+    175000
     """
     return _core.CompressionLaw(model, {k: float(v) for k, v in params.items()})
 

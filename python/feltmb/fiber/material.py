@@ -331,6 +331,15 @@ def load_material(name_or_path: str | Path) -> FeltMaterial:
     ------
     InvalidParameter
         The file has faults, all in one message, or the name is unknown.
+
+    Examples
+    --------
+    The pressure [Pa] of a packaged felt at a volume fraction of 50 %:
+
+    >>> from feltmb import felt
+    >>> material = felt.load_material("synthetic_hammer")
+    >>> round(float(material.pressure("loading", [0.5])[0]))
+    1210843
     """
     path = params.find(name_or_path, "felts", "felt")
     material = validated(FeltMaterial, read_toml(path), path.name)

@@ -67,6 +67,14 @@ def unusual(**values: float) -> list[str]:
     -------
     list of str
         One sentence for each, with the range; empty if all are usual.
+
+    Examples
+    --------
+    A fiber of 25 um is usual, one of 25 mm is not:
+
+    >>> from feltmb import fiber
+    >>> fiber.unusual(d_f=25e-6), len(fiber.unusual(d_f=25e-3))
+    ([], 1)
     """
     for name in values:
         if name not in RANGES:

@@ -60,7 +60,14 @@ COLUMNS = {
 
 
 def note_name(key: int) -> str:
-    """Name of a key, such as ``A4`` for key 49; key 1 is A0."""
+    """Name of a key, such as ``A4`` for key 49; key 1 is A0.
+
+    Examples
+    --------
+    >>> from feltmb import keyboard
+    >>> keyboard.note_name(1), keyboard.note_name(49)
+    ('A0', 'A4')
+    """
     octave, step = divmod(key + FIRST_MIDI - 1, 12)
     return f"{NAMES[step]}{octave - 1}"
 

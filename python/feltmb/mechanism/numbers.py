@@ -62,6 +62,15 @@ class Parameter:
     size
         Reference of relative changes, SI units, > 0: the absolute value, or a small length, angle
         and so on if the value is zero.
+
+    Examples
+    --------
+    A number of an action, with the unit of its file:
+
+    >>> import feltmb
+    >>> action = feltmb.load_action("steinway45")
+    >>> action.value("bodies.head.mass")
+    Value(value=0.0078, unit='kg')
     """
 
     path: str

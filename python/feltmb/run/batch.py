@@ -73,6 +73,17 @@ def simulate_many(
     ------
     InvalidParameter
         An argument is invalid. A fault of one stroke is the outcome of that stroke.
+
+    Examples
+    --------
+    Two strokes of 1 ms on threads:
+
+    >>> import feltmb
+    >>> action, runs = feltmb.load_action("steinway45"), {}
+    >>> strokes = [(action, feltmb.pulse_stroke(force, 0.0)) for force in (5.0, 10.0)]
+    >>> _ = feltmb.batch.simulate_many(strokes, runs.__setitem__, duration=1e-3)
+    >>> sorted(runs)
+    [0, 1]
     """
     count = 0 if jobs is None else int(jobs)
     if jobs is not None and count < 1:

@@ -103,6 +103,16 @@ class Machine:
         the tolerance is smaller in proportion to its duration.
     events
         Whether contact openings and closings are found.
+
+    Examples
+    --------
+    A millisecond of a key that is pressed by 5 N:
+
+    >>> import feltmb
+    >>> machine = feltmb.Machine("steinway45")
+    >>> _ = machine.advance(1e-3, force=5.0)
+    >>> round(machine.time, 6)
+    0.001
     """
 
     def __init__(

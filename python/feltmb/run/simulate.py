@@ -105,6 +105,18 @@ def evaluate(
         Mechanical coordinates [rad, m] and their rates, in the order of ``action.coordinates``.
     finger_force
         Finger force [N], positive pressing.
+
+    Examples
+    --------
+    The hammer action at rest, without a finger:
+
+    >>> import numpy as np
+    >>> import feltmb
+    >>> action = feltmb.load_action("steinway45")
+    >>> still = np.zeros(len(action.coordinates))
+    >>> found = feltmb.evaluate(action, still, still)
+    >>> len(found.acceleration) == still.size
+    True
     """
     if not np.isfinite(finger_force):
         raise InvalidParameter(f"evaluate: finger_force = {finger_force!r} N, must be finite")

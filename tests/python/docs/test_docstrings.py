@@ -56,7 +56,7 @@ def test_documented_arguments_exist(name):
 
 
 #: Public names with a block ``Examples`` that runs; fewer fail.
-EXAMPLES = 11
+EXAMPLES = 78
 
 
 def test_examples_of_public_functions_and_classes_run():

@@ -92,6 +92,30 @@ def diagnose(
         Model, effects and records do not fit together.
     Stop, KeyboardInterrupt
         ``progress`` raised it, or Ctrl-C came, before there was a fit of the model.
+
+    Examples
+    --------
+    A line with an offset of 0.3 m that its model lacks, in two records with a noise of 1 mm:
+
+    >>> import numpy as np
+    >>> from unmodeled import Record, Sensor, Simulator, diagnose
+    >>> def line(time, inputs, p):
+    ...     return {"x": p["gain"] * inputs["F"] + p["offset"]}
+    >>> model = Simulator(
+    ...     line, parameters={"gain": (2.0, 0.1, "m/N")}, unknown={"offset": "m"},
+    ...     inputs={"F": "N"}, outputs={"x": "m"},
+    ... )
+    >>> time, rng = np.linspace(0.0, 1.0, 60), np.random.default_rng(0)
+    >>> records = []
+    >>> for k in (1, 2):
+    ...     force = k * np.sin(7.0 * time + k)
+    ...     x = 2.1 * force + 0.3 + 1e-3 * rng.standard_normal(60)
+    ...     sensor = Sensor(name="x", unit="m", sigma=1e-3)
+    ...     records.append(Record(name=f"r{k}", time=time, inputs={"F": force}, outputs={"x": x},
+    ...                           sensors={"x": sensor}))
+    >>> report = diagnose(model, None, records, exclude=["sensor*", "input*"])
+    >>> [(c.cause, round(c.magnitude, 2), c.unit) for c in report.named]
+    [('offset', 0.3, 'm')]
     """
     options = options or Options()
     if executor is not None or cache is not None:

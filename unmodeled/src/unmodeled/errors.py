@@ -137,7 +137,16 @@ def shortened(text: str, most: int = 80) -> str:
 
 
 def shown(value: object) -> str:
-    """A value as short text in one line, for messages."""
+    r"""A value as short text in one line, for messages.
+
+    Examples
+    --------
+    A value in a message, with control characters made visible:
+
+    >>> from unmodeled.errors import shown
+    >>> shown("0.3 s"), shown("\x1b[31m")
+    ("'0.3 s'", "'\\x1b[31m'")
+    """
     try:
         return " ".join(_REPR.repr(value).split())
     except Exception:  # a number with thousands of digits, or a foreign repr that fails

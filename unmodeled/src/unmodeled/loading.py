@@ -260,6 +260,18 @@ def load_model(
     ------
     InvalidParameter
         There is no such model, or an argument does not belong to its kind.
+
+    Examples
+    --------
+    A Python file with a function:
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import unmodeled
+    >>> file = Path(tempfile.mkdtemp()) / "rig.py"
+    >>> _ = file.write_text("def line(time, inputs, p): return {'x': p['gain'] * inputs['F']}")
+    >>> unmodeled.load_model(f"{file}:line", parameters={"gain": (2.0, 0.1, "m/N")}).model.name
+    'line'
     """
     from unmodeled.fit import fmu, mujoco
     from unmodeled.fit.mjcf_parts import MJCF

@@ -135,7 +135,16 @@ def head_line(figure: Figure, text: str, size: float = LARGE, weight: str = "bol
 
 
 def style_axes(ax: Axes, x: str = "", y: str = "", title: str = "") -> Axes:
-    """Set labels, a light grid, and no frame at the top and right."""
+    """Set labels, a light grid, and no frame at the top and right.
+
+    Examples
+    --------
+    Labels with units:
+
+    >>> from unmodeled.style import new_figure, style_axes
+    >>> style_axes(new_figure(4.0, 3.0).subplots(), "time [s]", "force [N]").get_ylabel()
+    'force [N]'
+    """
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["left", "bottom"]].set_color(GRAY)
     ax.tick_params(labelsize=SMALL + 0.5, color=GRAY, length=3)

@@ -190,6 +190,15 @@ def load_actuator(name_or_path: str | Path) -> Actuator:
     ------
     InvalidParameter
         The file has faults; all of them are in the message.
+
+    Examples
+    --------
+    The reach [m] of a packaged actuator:
+
+    >>> from feltmb import actuator
+    >>> wood = actuator.load_actuator("wood")
+    >>> round(wood.reach, 3)
+    0.102
     """
     path = _resolve(name_or_path)
     return Actuator(load_raw(path, _resolve), origin=path.name)
@@ -541,6 +550,15 @@ def simulate_actuator(
     IntegrationError
         The energy balance error exceeds a tenth of the exchanged energy; ``error.partial`` is the
         run.
+
+    Examples
+    --------
+    Two milliseconds without a torque:
+
+    >>> from feltmb import actuator
+    >>> run = actuator.simulate_actuator("wood", duration=0.002)
+    >>> run.time.size
+    21
     """
     if isinstance(actuator, str):
         actuator = load_actuator(actuator)

@@ -44,6 +44,15 @@ class Stroke:
     ``torque`` [N m] of the mechanism's motor; ``motor_motion`` [rad] of its hub. For the two
     motions that are prescribed exactly, the required force or torque is an output
     (``finger.force``, ``motor.torque``).
+
+    Examples
+    --------
+    A force of 10 N from 20 ms on:
+
+    >>> import feltmb
+    >>> press = feltmb.Stroke("press", "force", (0.0, 0.02, 0.021), (0.0, 0.0, 10.0))
+    >>> press.duration, press.interpolation
+    (0.4, 'linear')
     """
 
     name: str
@@ -273,6 +282,15 @@ def pulse_stroke(
         Duration of a run with the stroke [s]; default: a while beyond its end.
     name
         Name of the stroke.
+
+    Examples
+    --------
+    A pulse of 10 N that rises and falls within 5 ms:
+
+    >>> import feltmb
+    >>> pulse = feltmb.pulse_stroke(10.0, 0.01, 0.005, 0.005)
+    >>> max(pulse.value), pulse.kind
+    (10.0, 'force')
     """
     _need(_finite(force), "force", force, "a finite number [N]")
     _need(_finite(start) and start >= 0, "start", start, ">= 0 s")
@@ -432,6 +450,15 @@ def sequence(*strokes: Stroke, period: float | None = None, name: str = "sequenc
         Time between the starts of consecutive strokes [s]; default: the ``duration`` of the earlier
         one. Knots of one stroke must end before the next starts. The last value of a stroke is held
         until then and changes within 0.1 ms.
+
+    Examples
+    --------
+    The same note twice, 0.5 s apart:
+
+    >>> import feltmb
+    >>> note = feltmb.pulse_stroke(10.0)
+    >>> feltmb.sequence(note, note, period=0.5).duration
+    0.895
     """
     _need(len(strokes) > 0, "sequence", strokes, "at least one stroke")
     first = strokes[0]

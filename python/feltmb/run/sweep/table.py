@@ -160,6 +160,18 @@ def sweep(
     ------
     InvalidParameter
         An argument is invalid. A value out of range only makes its member fail.
+
+    Examples
+    --------
+    A weak and a strong press, 1 ms each:
+
+    >>> import feltmb
+    >>> strokes = [feltmb.pulse_stroke(force, 0.0) for force in (5.0, 10.0)]
+    >>> result = feltmb.sweep(
+    ...     "steinway45", strokes, {}, options={"duration": 1e-3}, jobs=1, progress=False
+    ... )
+    >>> list(result.table["status"])
+    ['done', 'done']
     """
     import pandas as pd
 

@@ -64,7 +64,7 @@ def read(
     options: ReadOptions | None = None,
     model: Any = None,
 ) -> tuple[Record, ...]:
-    """Read measured files: ``unmodeled.read("runs/*.csv")``.
+    r"""Read measured files: ``unmodeled.read("runs/*.csv")``.
 
     A model finds its inputs among the columns: they need no names here.
 
@@ -90,6 +90,19 @@ def read(
     ------
     DataError
         No file fits, or a file has faults, all listed in the message.
+
+    Examples
+    --------
+    A force and a displacement, which become N and m:
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import unmodeled
+    >>> file = Path(tempfile.mkdtemp()) / "press.csv"
+    >>> _ = file.write_text("t [ms],force [kN],x [mm]\n0,0,0\n1,2,1\n2,4,2\n")
+    >>> (record,) = unmodeled.read(file, inputs=["force"], outputs=["x"])
+    >>> record.inputs["force"].tolist(), record.outputs["x"].tolist()
+    ([0.0, 2000.0, 4000.0], [0.0, 0.001, 0.002])
     """
     given = [files] if isinstance(files, str | Path) else list(files)
     paths = [p for g in given for p in _fitting(g)]
@@ -231,6 +244,18 @@ def read_record(
     ------
     DataError
         The file has faults, all listed in the message, or it holds several runs.
+
+    Examples
+    --------
+    A file with a force and a position, by the names of its columns:
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> from unmodeled.data import read_record
+    >>> file = Path(tempfile.mkdtemp()) / "run.csv"
+    >>> _ = file.write_text("t [s],force [N],x [m]" + chr(10) + "0,0,0" + chr(10) + "1,2,0.1")
+    >>> read_record(file, inputs=["force"], outputs=["x"]).samples
+    2
     """
     signals = Signals(inputs, outputs, modes or {}, units or {}, names or {})
     records = _read_file(Path(path), signals, options or ReadOptions())

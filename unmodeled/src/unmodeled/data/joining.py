@@ -178,6 +178,20 @@ def join_records(
         one are missing.
     InvalidParameter
         The events or the names of inputs are invalid.
+
+    Examples
+    --------
+    A force and a displacement with two clocks; 0.5 s of the first is 1.5 s of the second:
+
+    >>> import numpy as np
+    >>> from unmodeled import Record
+    >>> from unmodeled.data import join_records
+    >>> time = np.linspace(0.0, 2.0, 201)
+    >>> first = Record(name="camera", time=time, inputs={}, outputs={"x": np.sin(time)})
+    >>> second = Record(name="cell", time=time + 1.0, inputs={}, outputs={"F": np.cos(time)})
+    >>> joined = join_records(first, second, same=[(0.5, 1.5)])
+    >>> sorted(joined.outputs), joined.samples
+    (['F', 'x'], 201)
     """
     clocks = fit_clocks(same)
     if same_sd:

@@ -127,6 +127,15 @@ class ReadOptions:
 
     The mappings go from a channel (or ``time``) to a value. The key ``""`` means all outputs with
     an unknown unit (``units``), or for all outputs in pixels (``scales``, ``origins``).
+
+    Examples
+    --------
+    The channel ``angle`` is the column ``enc1`` of the file, in degrees:
+
+    >>> from unmodeled.data import ReadOptions
+    >>> options = ReadOptions(columns={"angle": "enc1"}, units={"angle": "deg"})
+    >>> options.units
+    {'angle': 'deg'}
     """
 
     columns: Mapping[str, str] = field(default_factory=dict)

@@ -46,6 +46,20 @@ def write_record(record: Record, path: str | Path, *, force: bool = False) -> Pa
         CSV file; the TOML file gets the same name.
     force
         False: an existing file is not overwritten.
+
+    Examples
+    --------
+    A record and its TOML file, which are read again:
+
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from unmodeled import Record
+    >>> from unmodeled.data import write_record
+    >>> time = np.array([0.0, 0.1, 0.2])
+    >>> record = Record(name="r", time=time, inputs={}, outputs={"x": 2.0 * time})
+    >>> write_record(record, Path(tempfile.mkdtemp()) / "r.csv").name
+    'r.csv'
     """
     import tomlkit
 

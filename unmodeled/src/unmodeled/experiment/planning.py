@@ -171,6 +171,28 @@ def plan(
     ------
     InvalidParameter
         No record is proposed, none can be simulated, or the model can simulate none of the effects.
+
+    Examples
+    --------
+    A line that may be bent: small inputs cannot show it, a large one can.
+
+    >>> import numpy as np
+    >>> from unmodeled import Effect, LinearModel, Parameter, Record, Sensor
+    >>> from unmodeled.experiment import plan
+    >>> line = LinearModel(
+    ...     output="y", columns={"k": lambda r: r.inputs["u"]},
+    ...     parameters=[Parameter(name="k", value=1.0, sd=0.1)],
+    ... )
+    >>> bend = Effect(name="bend", component="line", regressor=lambda r, s: r.inputs["u"] ** 2)
+    >>> time = np.linspace(0.0, 1.0, 200)
+    >>> sensors = {"y": Sensor(name="y", sigma=0.05)}
+    >>> proposed = [
+    ...     Record(name=name, time=time, inputs={"u": size * time}, outputs={"y": 0.0 * time},
+    ...            sensors=sensors)
+    ...     for name, size in (("small", 0.1), ("large", 1.0))
+    ... ]
+    >>> [p.record.name for p in plan(line, [bend], proposed).records]
+    ['large', 'small']
     """
     if not proposed:
         raise InvalidParameter("plan: proposed is empty, expected at least one record")

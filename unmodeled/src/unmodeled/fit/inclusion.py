@@ -54,6 +54,19 @@ def including(
     InvalidParameter
         A magnitude is out of the bounds of its effect. The model cannot simulate one of the
         effects. An effect is one of a sensor or an input: correct the records instead of the model.
+
+    Examples
+    --------
+    A tank with a leak that is known by now, 0.01 1/s within 10 %:
+
+    >>> from unmodeled import Equations, including, library
+    >>> tank = Equations(
+    ...     lambda t, x, u, p: (u.inflow,), states={"V": (0.0, 0.01, "m^3")},
+    ...     inputs={"inflow": "m^3/s"},
+    ... )
+    >>> leaky = including(tank, [library.leak("V", scale=0.01)], [0.01], [0.001])
+    >>> [p.name for p in leaky.parameters]
+    ['leak V']
     """
     chosen = tuple(t if isinstance(t, Candidate) else Candidate(t, t.shapes[0]) for t in included)
     values = (

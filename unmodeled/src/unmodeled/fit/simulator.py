@@ -708,6 +708,21 @@ class LinearModel(FunctionModel):
     ----------
     columns
         Name of a parameter -> function of the record that returns its column, (n,).
+
+    Examples
+    --------
+    A line through the origin with a slope of 2, at three values of its input:
+
+    >>> import numpy as np
+    >>> from unmodeled import LinearModel, Parameter, Record
+    >>> from unmodeled.fit import Jobs
+    >>> slope = Parameter(name="k", value=2.0, sd=0.2)
+    >>> line = LinearModel(output="y", columns={"k": lambda r: r.inputs["u"]}, parameters=[slope])
+    >>> u = np.array([0.0, 1.0, 2.0])
+    >>> record = Record(name="r", time=u, inputs={"u": u}, outputs={"y": u})
+    >>> once = Jobs(theta=np.array([[2.0]]), starts=np.zeros((1, 0)))
+    >>> line.simulate(record, once)[0, :, 0].tolist()
+    [0.0, 2.0, 4.0]
     """
 
     def __init__(

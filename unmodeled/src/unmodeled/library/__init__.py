@@ -103,6 +103,16 @@ def for_coordinate(
         Typical speed [m/s or rad/s].
     time
         Typical duration of an event [s].
+
+    Examples
+    --------
+    Laws on a slider that moves by 1 cm, with 0.1 m/s and about 10 N:
+
+    >>> from unmodeled import Coordinate, library
+    >>> slider = Coordinate(name="slider", position="x", speed="v", inertia=2.0)
+    >>> effects = library.for_coordinate(slider, force=10.0, travel=0.01, speed=0.1)
+    >>> [e.name for e in effects][:2]
+    ['Bouc-Wen hysteresis slider', 'dry friction slider']
     """
     scales = Scales(force, travel, speed, time)
     whole = c.position or all(part.position for part in c.parts)

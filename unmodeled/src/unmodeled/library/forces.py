@@ -74,6 +74,16 @@ def dry_friction(c: Part, *, scale: float, speed: float) -> Effect:
         Friction force that one would expect [N or N m].
     speed
         Typical speed, from which values of the threshold speed follow.
+
+    Examples
+    --------
+    Dry friction of a guide, about 0.5 N, full from 1 mm/s on:
+
+    >>> from unmodeled import Coordinate, library
+    >>> guide = Coordinate(name="guide", speed="v", inertia=2.0)
+    >>> effect = library.dry_friction(guide, scale=0.5, speed=1e-3)
+    >>> effect.name, effect.unit
+    ('dry friction guide', 'N')
     """
     return on(
         c,
@@ -236,6 +246,16 @@ def polynomial_stiffness(c: Part, power: int, *, scale: float) -> Effect:
         Power of the displacement.
     scale
         Coefficient that one would expect.
+
+    Examples
+    --------
+    A spring that hardens with the cube of its deflection:
+
+    >>> from unmodeled import Coordinate, library
+    >>> spring = Coordinate(name="spring", position="x", speed="v", inertia=2.0)
+    >>> effect = library.polynomial_stiffness(spring, 3, scale=1e4)
+    >>> effect.name, effect.unit
+    ('cubic stiffness spring', 'N/m^3')
     """
     name = {1: "linear", 2: "quadratic", 3: "cubic", 5: "quintic"}.get(power, f"power-{power}")
     return on(
@@ -263,6 +283,15 @@ def backlash(c: Part, *, stiffness: float, travel: float) -> Effect:
         [N/m or N m/rad].
     travel
         Typical displacement, from which values of b follow.
+
+    Examples
+    --------
+    Play of a linkage of 100 N/m that moves by about 2 mm:
+
+    >>> from unmodeled import Coordinate, library
+    >>> rod = Coordinate(name="rod", position="x", speed="v", inertia=2.0)
+    >>> library.backlash(rod, stiffness=100.0, travel=2e-3).shape_names
+    ('half width [m]',)
     """
     return on(
         c,

@@ -66,7 +66,16 @@ def overflow(state: str, *, levels: Sequence[float], rate_scale: float, into: st
 
 @checked
 def leak(state: str, *, scale: float) -> Effect:
-    """A loss proportional to the state."""
+    """A loss proportional to the state.
+
+    Examples
+    --------
+    An outflow in proportion to the volume V of a tank, about 0.01 1/s:
+
+    >>> from unmodeled import library
+    >>> library.leak("V", scale=0.01).unit
+    '1/s'
+    """
     return _on(
         state,
         f"leak {state}",

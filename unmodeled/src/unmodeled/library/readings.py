@@ -54,6 +54,14 @@ def sensor_fault(
     ------
     InvalidParameter
         There is no such fault.
+
+    Examples
+    --------
+    The gain of the sensor x, one of the outputs x and y:
+
+    >>> from unmodeled import library
+    >>> library.sensor_fault(["x", "y"], "x", "gain").name
+    'gain of sensor x'
     """
     signal = Signal(name, np.array([-1.0, 1.0]), unit=unit or "1")
     if record is not None:
@@ -87,6 +95,15 @@ def input_fault(
     ------
     InvalidParameter
         There is no such fault.
+
+    Examples
+    --------
+    The force acts later, or earlier, than it was recorded:
+
+    >>> from unmodeled import library
+    >>> effect = library.input_fault("force", "delay", scale=1e-3)
+    >>> effect.name, effect.unit
+    ('delay of input force', 's')
     """
     signal = Signal(name, np.array([-1.0, 1.0]), unit=unit or "1", is_input=True)
     if record is not None:
@@ -287,6 +304,17 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
         Channel of the sensor.
     record
         Record from which typical magnitudes are taken.
+
+    Examples
+    --------
+    Errors that a sensor of a sine may have:
+
+    >>> import numpy as np
+    >>> from unmodeled import Record, library
+    >>> time = np.linspace(0.0, 1.0, 50)
+    >>> record = Record(name="r", time=time, inputs={}, outputs={"x": np.sin(9.0 * time)})
+    >>> [e.name for e in library.for_sensor(["x"], "x", record)][:3]
+    ['lag of sensor x', 'delay of sensor x', 'gain of sensor x']
     """
     chosen = [n for n, fault in faults().items() if fault.sensor is not None]
     return tuple(sensor_fault(outputs, name, n, record=record) for n in chosen)

@@ -88,6 +88,15 @@ class Coordinate:
     """A coordinate of a mechanical system, on which generic effects act.
 
     A force F [unit] on it changes its acceleration by F / inertia.
+
+    Examples
+    --------
+    A slider of 2 kg, whose position [m] and speed [m/s] are states:
+
+    >>> from unmodeled import Coordinate
+    >>> slider = Coordinate(name="slider", position="x", speed="v", inertia=2.0)
+    >>> slider.unit
+    'N'
     """
 
     name: str
@@ -167,6 +176,16 @@ class Coupling:
     Its position is that of the first coordinate minus ``ratio`` times that of the second; its speed
     follows in the same way. A force F on the coupling acts as F on the first coordinate and as
     -ratio F on the second.
+
+    Examples
+    --------
+    A shaft between motor and load, with a gear of 10 to 1:
+
+    >>> from unmodeled import Coordinate, Coupling
+    >>> motor = Coordinate(name="motor", position="a", speed="va", inertia=1e-4, unit="N m")
+    >>> load = Coordinate(name="load", position="b", speed="vb", inertia=1e-2, unit="N m")
+    >>> Coupling(name="shaft", first=motor, second=load, ratio=10.0, unit="N m").ratio
+    10.0
     """
 
     name: str

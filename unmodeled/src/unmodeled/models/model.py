@@ -49,7 +49,17 @@ class UserUnit:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """A number of the model with its prior N(value, sd^2), truncated at lower and upper."""
+    """A number of the model with its prior N(value, sd^2), truncated at lower and upper.
+
+    Examples
+    --------
+    A mass of 2 kg, known to 5 %:
+
+    >>> from unmodeled import Parameter
+    >>> mass = Parameter(name="m", value=2.0, sd=0.1, unit="kg", lower=0.0)
+    >>> mass.value, mass.sd
+    (2.0, 0.1)
+    """
 
     name: str
     value: float
@@ -109,7 +119,16 @@ class Parameter:
 @checked
 @dataclass(frozen=True, kw_only=True)
 class State:
-    """One state variable of the model, or a hidden one of an effect."""
+    """One state variable of the model, or a hidden one of an effect.
+
+    Examples
+    --------
+    The position of a pendulum [rad], which starts within 0.1 rad of rest:
+
+    >>> from unmodeled import State
+    >>> State(name="q", unit="rad", scale=0.5, start_sd=0.1).start
+    0.0
+    """
 
     name: str
     unit: str = "1"
@@ -150,6 +169,18 @@ class Effect:
     ``excite(record, magnitude, shape) -> {input: (n,)}``
         Input effect, for any model: the inputs that replace those of the record. If a record is the
         later part of a run (:attr:`Record.before`), the function gets the run from its start.
+
+    Examples
+    --------
+    A quadratic term of a line, in N per m^2, about 3 N/m^2 large:
+
+    >>> from unmodeled import Effect
+    >>> effect = Effect(
+    ...     name="hardening", component="spring", unit="N/m^2", scale=3.0,
+    ...     regressor=lambda record, shape: record.inputs["x"] ** 2,
+    ... )
+    >>> effect.name, effect.scale
+    ('hardening', 3.0)
     """
 
     name: str

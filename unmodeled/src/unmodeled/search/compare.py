@@ -102,6 +102,24 @@ def check(
         The records cannot be used with this model.
     InvalidParameter
         The model gives no finite outputs.
+
+    Examples
+    --------
+    A line through records that are in mm, while the model is in m:
+
+    >>> import numpy as np
+    >>> import unmodeled
+    >>> model = unmodeled.Simulator(
+    ...     lambda time, inputs, p: {"x": p["c"] * inputs["F"]},
+    ...     parameters={"c": (0.01, 1e-3, "m/N")}, inputs={"F": "N"}, outputs={"x": "m"},
+    ... )
+    >>> time = np.linspace(0.0, 1.0, 100)
+    >>> force = np.sin(9.0 * time)
+    >>> record = unmodeled.Record(
+    ...     name="r", time=time, inputs={"F": force}, outputs={"x": 10.0 * force}
+    ... )
+    >>> [hint.text for hint in unmodeled.check(model, record).hints]
+    ['x is 1000 times the model in all records: is its unit another one?']
     """
     tell = progress or (lambda _: None)
     tell("prepares the model and the records")

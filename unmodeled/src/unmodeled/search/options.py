@@ -19,7 +19,17 @@ Tolerances = Literal["auto", "drawn", "kept"]
 @checked
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """Options of a diagnosis. The defaults are suitable for most cases."""
+    """Options of a diagnosis. The defaults are suitable for most cases.
+
+    Examples
+    --------
+    Ten seconds, and what leaves less than 0.1 mm of x does not matter:
+
+    >>> from unmodeled import Options
+    >>> options = Options(seconds=10.0, good_enough={"x": 1e-4})
+    >>> options.credibility
+    0.9
+    """
 
     credibility: float = 0.9
     """Posterior probability that a named effect, or a class of effects, needs, compared with the

@@ -195,6 +195,14 @@ def conversion_factor(unit: str, si_unit: str) -> float:
         The unit is unknown or has another dimension, or is a temperature with another zero
         (:func:`zero_and_factor`). Radians are a dimension of their own, because an angle is not a
         plain number; therefore ``1/s`` and ``rad/s`` differ as well.
+
+    Examples
+    --------
+    How many N/m one kN/mm is:
+
+    >>> from unmodeled.units import conversion_factor
+    >>> conversion_factor("kN/mm", "N/m")
+    1000000.0
     """
     if unit == si_unit:
         return 1.0
@@ -276,6 +284,14 @@ def zero_and_factor(unit: str, other: str) -> tuple[float, float]:
         Unit of the reading, for example ``"degC"``.
     other
         Unit of the result, for example ``"K"``.
+
+    Examples
+    --------
+    Zero and factor of degrees Fahrenheit in K:
+
+    >>> from unmodeled.units import zero_and_factor
+    >>> [round(v, 4) for v in zero_and_factor("degF", "K")]
+    [-459.67, 0.5556]
     """
     scale = TEMPERATURE_SCALES.get((_plain(unit), _plain(other)))
     return scale or (0.0, conversion_factor(unit, other))
@@ -299,6 +315,14 @@ def convert(value: float, unit: str, si_unit: str) -> float:
         Unit of the value.
     si_unit
         SI unit of the result.
+
+    Examples
+    --------
+    A length of a drawing, and a speed:
+
+    >>> from unmodeled.units import convert
+    >>> convert(1.0, "in", "mm"), round(convert(1.0, "m/s", "km/h"), 6)
+    (25.4, 3.6)
     """
     return value * conversion_factor(unit, si_unit)
 
@@ -308,14 +332,30 @@ _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.{
 
 @checked
 def number_and_unit(text: str) -> tuple[float, str] | None:
-    """Number and unit of a text, whether or not the unit is known; None if there is no number."""
+    """Number and unit of a text, whether or not the unit is known; None if there is no number.
+
+    Examples
+    --------
+    >>> from unmodeled.units import number_and_unit
+    >>> number_and_unit("12 mm")
+    (12.0, 'mm')
+    """
     match = _QUANTITY.match(text[:100])
     return None if match is None else (float(match.group(1)), (match.group(2) or "").strip())
 
 
 @checked
 def split_quantity(text: str) -> tuple[float, str] | None:
-    """Number and unit of a text such as ``"300 ms"``; None if there is no known unit."""
+    """Number and unit of a text such as ``"300 ms"``; None if there is no known unit.
+
+    Examples
+    --------
+    Number and unit of a text:
+
+    >>> from unmodeled.units import split_quantity
+    >>> split_quantity("3.5 mm")
+    (3.5, 'mm')
+    """
     quantity = number_and_unit(text)
     if quantity is None:
         return None
@@ -328,7 +368,14 @@ def split_quantity(text: str) -> tuple[float, str] | None:
 
 @checked
 def si_value(text: str) -> float | None:
-    """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid."""
+    """Value in SI units of a text such as ``"300 ms"``, for any quantity; None if invalid.
+
+    Examples
+    --------
+    >>> from unmodeled.units import si_value
+    >>> si_value("3.5 mm")
+    0.0035
+    """
     quantity = split_quantity(text)
     return None if quantity is None else quantity[0] * _parse(quantity[1])[0]
 
@@ -360,6 +407,14 @@ def to_si(unit: str) -> tuple[float, str]:
     ------
     InvalidParameter
         The unit is unknown.
+
+    Examples
+    --------
+    Factor and SI unit of an instrument's unit:
+
+    >>> from unmodeled.units import to_si
+    >>> to_si("kN"), to_si("N mm")
+    ((1000.0, 'N'), (0.001, 'N m'))
     """
     try:
         factor, dims = _parse(unit)
@@ -461,6 +516,14 @@ def readable_unit(value: AnyNumber, unit: str) -> tuple[float, str]:
         Value [``unit``].
     unit
         SI unit; without an entry in the list, the factor is 1.
+
+    Examples
+    --------
+    The factor and the unit in which a length of 0.3 mm is told:
+
+    >>> from unmodeled.units import readable_unit
+    >>> readable_unit(3e-4, "m")
+    (1000.0, 'mm')
     """
     for limit, factor, name in _SMALL.get(unit, []):
         if abs(value) < limit:

@@ -93,7 +93,16 @@ _CLEAR = (
 
 @lru_cache(maxsize=10_000)
 def spelled_unit(text: str) -> str | None:
-    """The accepted notation of a unit; None if the text is not a unit."""
+    """The accepted notation of a unit; None if the text is not a unit.
+
+    Examples
+    --------
+    Units as files write them:
+
+    >>> from unmodeled.units import spelled_unit
+    >>> spelled_unit("Nm"), spelled_unit("sec"), spelled_unit("parsnips")
+    ('N m', 's', None)
+    """
     text = text.strip()
     if text.startswith(("[", "(")):
         text = text.strip("[]() ")
@@ -112,7 +121,14 @@ def spelled_unit(text: str) -> str | None:
 
 @checked
 def same_unit(one: str, other: str) -> bool:
-    """Whether two texts are the same unit, for example ``N*m`` and ``N m``."""
+    """Whether two texts are the same unit, for example ``N*m`` and ``N m``.
+
+    Examples
+    --------
+    >>> from unmodeled.units import same_unit
+    >>> same_unit("N m", "Nm"), same_unit("N", "kN")
+    (True, False)
+    """
     units = [spelled_unit(text) or text for text in (one, other)]
     if units[0] == units[1]:
         return True
@@ -128,6 +144,14 @@ def split_column(heading: str) -> tuple[str, str]:
 
     ``force [N]``, ``Extension (mm)``, ``Time<ms>``, ``Time_s``, ``Force, N``, ``U_B1 / V``. A text
     in square or angle brackets is a unit, known or not; elsewhere, only a known unit counts.
+
+    Examples
+    --------
+    Headings of instruments:
+
+    >>> from unmodeled.units import split_column
+    >>> split_column("Force (kN)"), split_column("time_ms"), split_column("I (A)")
+    (('Force', 'kN'), ('time', 'ms'), ('I', 'A'))
     """
     text = heading.strip()
     brackets = _BRACKETED.fullmatch(text)
