@@ -205,6 +205,8 @@ class NamedCause:
     remedy: str = ""
     changes: str = ""
     """Parameter of the model that is this cause, also under the name of an effect; "": none."""
+    ratio: float = 1.0
+    """Change of this parameter per magnitude of the effect that is its other name."""
     kind: str = "force"
     """Kind of the effect; "parameter", or "sensor" also for an error of each record."""
     title: str = ""
@@ -513,25 +515,30 @@ class Result:
         """A change with what it takes away of the channel where this matters most."""
         p = p or next((p for p in self.parameters if p.name == n.changes), None)
         at = p.tabulated if p is not None and n.parameter else 0.0
+        unit, ratio, user_unit = n.unit, 1.0, n.user_unit
+        if p is not None and (n.unit == p.unit or n.ratio < 0.0):  # in the sense of its title
+            unit, ratio, user_unit = p.unit, n.ratio, p.user_unit
+        size = ratio * (n.magnitude - at)
+        low, high = sorted((ratio * (n.low - at), ratio * (n.high - at)))
         found = Change(
             name=n.cause,
             title=(n.title if p is None else p.title) or n.cause,
             component=n.component,
             kind=n.kind if p is None else "parameter",
             tier=tier,
-            unit=n.unit,
-            size=n.magnitude - at,
-            low=n.low - at,
-            high=n.high - at,
+            unit=unit,
+            size=size,
+            low=low,
+            high=high,
             tabulated=at,
-            relative=n.unit == "1"
+            relative=unit == "1"
             and (n.relative or n.kind in ("sensor", "input") if p is None else p.relative),
-            user_unit=n.user_unit,
+            user_unit=user_unit,
             tolerances=p.tolerances if p is not None and 0.0 < p.sd < math.inf else math.nan,
             probability=n.probability,
             shape=n.shape,
             shape_names=n.shape_names,
-            by_record=() if n.subject.scope.records else n.by_record,
+            by_record=() if n.subject.scope.records else tuple(ratio * v for v in n.by_record),
             records=self.records if n.subject.scope.each else (),
             subject=n.subject,
             mechanism=n.mechanism,

@@ -674,6 +674,7 @@ def _named(answer: Answer, fitted: Fitted, own: Posterior, cause: int) -> NamedC
         by_record=tuple(zero + scale * v for v in _by_record(problem, fitted, k)),
         parameter=words is None,
         changes=changes,
+        ratio=1.0 if found.alias is None else found.alias.tolerance_ratio,
         mechanism="" if words is None else words.mechanism,
         remedy="" if words is None else words.remedy,
         kind="parameter" if words is None else words.kind,
