@@ -311,7 +311,8 @@ def _item(c: Change) -> str:
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
         lost, before, after = math.isinf(c.before), percent(c.before), percent(c.after)
-        less = "the simulation fails without it" if lost else f"{before} without it"
+        it = joined(["it", *c.beside])
+        less = f"the simulation fails without {it}" if lost else f"{before} without {it}"
         left = f"{after} of the motion of {c.channel} is left, and {less}"
         if before == after:
             left = f"it takes away {percent(c.takes)} of the motion of {c.channel}"

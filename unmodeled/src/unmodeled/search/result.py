@@ -234,6 +234,8 @@ class Without:
     """Rms without it by channel [its unit]; infinite: the simulation fails."""
     after: tuple[float, ...]
     """With all changes [its unit]."""
+    beside: tuple[str, ...] = ()
+    """Causes that are left out too: alone, each of them takes less than what matters."""
 
 
 def takes_over(channels: Sequence[Channel], without: Without) -> float:
@@ -293,6 +295,8 @@ class Change:
     """Residual without the change, as a share of the motion of this output [1]."""
     after: float = math.nan
     """Residual with all changes [1]."""
+    beside: tuple[str, ...] = ()
+    """Changes that ``before`` is without, too."""
     takes: float = math.nan
     """Rms of what it takes away [1]; NaN: it is not known."""
     matters: bool = True
@@ -554,6 +558,7 @@ class Result:
             channel=c.name,
             before=c.share(left.before[k]),
             after=c.share(left.after[k]),
+            beside=left.beside,
             takes=c.share(taken),
             matters=ratio > 1.0,
         )

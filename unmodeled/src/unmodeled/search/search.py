@@ -319,14 +319,11 @@ def _with(origin: Fitted, *added: Score) -> Members:
     return tuple(sorted((*origin.members, *new), key=lambda m: m.cause))
 
 
-def _refit(
-    problem: Problem,
-    found: Searched,
-    jobs: Sequence[Job],
-    check: Callable[[], None],
+def refit(
+    found: Searched, jobs: Sequence[Job], check: Callable[[], None] = lambda: None
 ) -> list[Fitted | None]:
     """Fit sets from others, each once from each, and keep the best fit of every set."""
-    todo = []
+    todo, problem = [], found.problem
     for members, origin, added in jobs:
         key = tuple(m.cause for m in members)
         if (key, origin.serial) in found.tried or found.sets.get(key) is origin:
@@ -357,7 +354,7 @@ def without_one(
     jobs: list[Job] = [
         (tuple(m for m in fitted.members if m is not out), fitted, ()) for out in fitted.members
     ]
-    return _refit(found.problem, found, jobs, check)
+    return refit(found, jobs, check)
 
 
 def with_all_records(
@@ -410,7 +407,7 @@ def with_all_records(
     best = best_of(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
-        _refit(everything, out, [(s.members, best, ()) for s in smaller], check)
+        refit(out, [(s.members, best, ()) for s in smaller], check)
         _add_held_out_scopes(found, out, best_of(everything, list(out.sets.values())), check)
         without_one(out, best_of(everything, list(out.sets.values())), check)
     except Stop as stop:
@@ -438,14 +435,14 @@ def _add_held_out_scopes(
     ranked = scores(everything, best, seen)
     new = [s for s in ranked if (r := everything.causes[s.cause].records) and not r & shown]
     jobs: list[Job] = [(_with(best, s), best, (s,)) for s in new[:4]]
-    fits = [f for f in _refit(everything, out, jobs, check) if f is not None]
+    fits = [f for f in refit(out, jobs, check) if f is not None]
     if not fits:
         return
     now = best_of(everything, fits)
     (cause,) = {*now.causes} - {*best.causes}
     alike = [s for s, _ in equivalents(everything, now, seen, cause)]
     found.alike += [frozenset((cause, s.cause)) for s in alike]
-    _refit(everything, out, [(_with(best, s), now, (s,)) for s in alike], check)
+    refit(out, [(_with(best, s), now, (s,)) for s in alike], check)
 
 
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
@@ -507,9 +504,9 @@ def _climb(
     while len(now.members) < options.max_effects:  # add
         jobs, first = tried(now), not found.first
         found.first = found.first or scored(now)[0]
-        fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
+        fits = [f for f in refit(found, jobs, check) if f is not None]
         if first and (plain := _tabulated(problem, now, check)) is not None:
-            fits += [f for f in _refit(problem, found, tried(plain), check) if f is not None]
+            fits += [f for f in refit(found, tried(plain), check) if f is not None]
         fits = [f for f in fits if sure(f)]
         if not fits:
             break
@@ -537,12 +534,12 @@ def _climb(
                 continue
             nearest = [s for s in scored(rest)[0][:3] if s.cause != out.cause]
             jobs = [(_with(rest, s), rest, (s,)) for s in nearest]
-            fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
+            fits = [f for f in refit(found, jobs, check) if f is not None]
             if fits and gain(best := best_of(problem, fits), now) > CONVERGED:
                 now, improved = best, True
                 break
     if now.members:
-        _refit(problem, found, [((), now, ())], check)
+        refit(found, [((), now, ())], check)
 
 
 def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]) -> None:
@@ -563,4 +560,4 @@ def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]
             found.alike.append(frozenset((member.cause, score.cause)))
             members = (*rest, Member(score.cause, score.shape))
             jobs.append((tuple(sorted(members, key=lambda m: m.cause)), now, (score,)))
-    _refit(problem, found, jobs, check)
+    refit(found, jobs, check)

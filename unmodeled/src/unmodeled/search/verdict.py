@@ -47,7 +47,7 @@ from unmodeled.search.result import (
     worst_of,
 )
 from unmodeled.search.score import by_record, index_of
-from unmodeled.search.search import Searched, linked, rank
+from unmodeled.search.search import Searched, linked, rank, refit
 from unmodeled.search.tolerances import (
     Combination,
     Posterior,
@@ -103,7 +103,7 @@ def judge(
     problem, best = answer.problem, answer.best
     searched.answer = problem, chosen.alone, best
     channels = _channels(answer, options)
-    without = _without(answer)
+    without = _together(answer, channels, _without(answer), check)
     changed, of_parameters = _changed(answer, options)
     without += of_parameters
     findings = _findings(answer, channels, without, options)
@@ -345,6 +345,55 @@ def _without(answer: Answer) -> list[Without]:
             before = tuple(map(float, _rms(problem, rest)))
         out += [Without(c.name, before, after) for c in group]
     return out
+
+
+def _together(
+    answer: Answer,
+    channels: Sequence[Channel],
+    without: Sequence[Without],
+    check: Callable[[], None],
+) -> list[Without]:
+    """What is left without each member, where those that take little alone take much together.
+
+    Two laws that do nearly the same take little each. If all members that take less than what
+    matters take more together, each matters without which the others of them take less.
+    """
+    found, problem = {w.name: w for w in without}, answer.problem
+
+    def over(cause: int, before: tuple[float, ...]) -> float:
+        return takes_over(channels, replace(found[problem.causes[cause].name], before=before))
+
+    def names(causes: Collection[int]) -> list[str]:
+        return [problem.causes[i].name for i in causes]
+
+    little = [i for i, n in zip(answer.best.causes, names(answer.best.causes), strict=True)
+              if takes_over(channels, found[n]) < 1.0]  # fmt: skip
+    if len(little) < 2:
+        return list(found.values())
+    try:
+        whole = _left_without(answer, little, check)
+        if over(little[0], whole) < 1.0:
+            return list(found.values())
+        rest = {i: [k for k in little if k != i] for i in little}
+        matter = [i for i in little if over(i, _left_without(answer, rest[i], check)) < 1.0]
+    except (Stop, KeyboardInterrupt) as stop:
+        answer.chosen.searched.ended_by = stop
+        return list(found.values())
+    for i in matter or little:
+        for name in names([i, *answer.groups.get(i, ())]):
+            found[name] = replace(found[name], before=whole, beside=tuple(names(rest[i])))
+    return list(found.values())
+
+
+def _left_without(
+    answer: Answer, causes: Collection[int], check: Callable[[], None]
+) -> tuple[float, ...]:
+    """Residual by channel of the set without some members; infinite: it cannot be fitted."""
+    kept = tuple(m for m in answer.best.members if m.cause not in causes)
+    (fitted,) = refit(answer.chosen.everything, [(kept, answer.best, ())], check)
+    if fitted is None:
+        return (math.inf,) * len(answer.problem.channels)
+    return tuple(map(float, _rms(answer.problem, fitted)))
 
 
 def _changed(
