@@ -94,7 +94,7 @@ REASONS = {
 #: What a line of the list says of changes that are not named.
 UNSURE = {
     "supported": "whether it is the cause is not sure: another law could do the same",
-    "small": "it is sure, and takes away less than what matters",
+    "small": "it takes away less than what matters: another law could do the same",
     "unsure": "it is a part of the fit, and whether it is there is not sure",
 }
 #: Verdicts as words.
@@ -202,7 +202,7 @@ def _last(result: Result) -> str:
     unsure = [c for c in result.changes if c.tier == "unsure"]
     text = ""
     if small:
-        text += f" {_capital(clause(small[0]))}: this is sure, and small"
+        text += f" {_capital(clause(small[0]))}: this is small"
         text += f" ({percent(small[0].takes)} of the motion of {small[0].channel})."
     if unsure:
         so_far = "Best so far" if not result.complete else "Also fitted, and not sure"

@@ -272,8 +272,8 @@ class Change:
     tier: Tier
     """``named``: the records tell it from all listed causes; ``one of``: not from its equivalents;
     ``supported``: it predicts held-out records better, whether it is the cause or not; ``fitted``:
-    a parameter whose interval excludes its tabulated value; ``small``: it is there, and takes away
-    less than what matters; ``unsure``: a part of the fit, and none of these."""
+    a parameter whose interval excludes its tabulated value; ``small``: it is probable, and takes
+    away less than what matters; ``unsure``: a part of the fit, and none of these."""
     unit: str
     size: float
     """Change of the parameter, or magnitude of the effect [unit]."""
@@ -422,7 +422,7 @@ class Result:
     """Causes that are not named, each of which surely improves the prediction of held-out records,
     together with the others."""
     small: tuple[tuple[NamedCause, ...], ...] = ()
-    """Causes that are surely there and take away less than what matters, with equivalents."""
+    """Causes that take away less than what matters, with equivalents."""
     unsure: tuple[tuple[NamedCause, ...], ...] = ()
     """Other causes of the set of the answer, with equivalents."""
     findings: tuple[Finding, ...] = ()

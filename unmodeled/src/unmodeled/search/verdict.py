@@ -61,8 +61,6 @@ from unmodeled.search.tolerances import (
 CLASS = 6
 #: Difference of the log likelihoods below which two causes are equal.
 EQUAL = 1.0
-#: Multiple of the noise up to which nothing but the noise remains.
-ONLY_NOISE = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,7 +214,6 @@ def _findings(
         rank(replace(chosen.problem, discrepancy_samples=f * STRICT), answer.sets)
         for f in (0.5, 2.0)
     ]
-    noise = all(c.explained <= ONLY_NOISE * c.noise for c in channels if c.noise > 0.0)
     out = []
     for i, cause in enumerate(problem.causes):
         need = chosen.needs.get(i, Need())
@@ -253,7 +250,7 @@ def _findings(
                 at_limit=_at_limit(problem, answer.best, i),
                 takes=taken.get(cause.name, math.nan),
                 excludes_zero=_excludes_zero(answer, i),
-                noise_remains=noise,
+                together=_probability(answer.sets, answer.weight, i, *answer.groups.get(i, ())),
                 equivalents=tuple(problem.causes[k].name for k in answer.groups.get(i, ())),
             )
         out.append(marked(found))
@@ -266,9 +263,10 @@ def _not_tried(problem: Problem, findings: Sequence[Finding]) -> tuple[str, ...]
     return tuple(f.cause for f in findings if not f.fitted and f.cause in laws)
 
 
-def _probability(sets: Sequence[Fitted], weight: Array, cause: int) -> float:
-    """Probability of the sets with a cause."""
-    return float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+def _probability(sets: Sequence[Fitted], weight: Array, *causes: int) -> float:
+    """Probability of the sets with one of these causes."""
+    own = (w for s, w in zip(sets, weight, strict=True) if not {*causes}.isdisjoint(s.causes))
+    return min(float(sum(own)), 1.0)
 
 
 def _excludes_zero(answer: Answer, cause: int) -> bool:
