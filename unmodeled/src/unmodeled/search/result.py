@@ -518,36 +518,21 @@ class Result:
     def _change(self, n: NamedCause, tier: Tier, p: ParameterValue | None = None) -> Change:
         """A change with what it takes away of the channel where this matters most."""
         p = p or next((p for p in self.parameters if p.name == n.changes), None)
-        at = p.tabulated if p is not None and n.parameter else 0.0
-        unit, ratio, user_unit = n.unit, 1.0, n.user_unit
-        if p is not None and (n.unit == p.unit or n.ratio < 0.0):  # in the sense of its title
-            unit, ratio, user_unit = p.unit, n.ratio, p.user_unit
-        size = ratio * (n.magnitude - at)
-        low, high = sorted((ratio * (n.low - at), ratio * (n.high - at)))
         found = Change(
             name=n.cause,
-            title=(n.title if p is None else p.title) or n.cause,
             component=n.component,
-            kind=n.kind if p is None else "parameter",
             tier=tier,
-            unit=unit,
-            size=size,
-            low=low,
-            high=high,
-            tabulated=at,
-            relative=unit == "1"
-            and (n.relative or n.kind in ("sensor", "input") if p is None else p.relative),
-            user_unit=user_unit,
-            tolerances=p.tolerances if p is not None and 0.0 < p.sd < math.inf else math.nan,
             probability=n.probability,
             shape=n.shape,
             shape_names=n.shape_names,
-            by_record=() if n.subject.scope.records else tuple(ratio * v for v in n.by_record),
             records=self.records if n.subject.scope.each else (),
             subject=n.subject,
             mechanism=n.mechanism,
             remedy=n.remedy,
+            **(_of_effect(n) if p is None else _of_parameter(n, p)),
         )
+        if n.subject.scope.records:
+            found = replace(found, by_record=())
         left = next((w for w in self.without if w.name == n.cause), None)
         if left is None:
             return found
@@ -576,6 +561,45 @@ class Result:
     def to_json(self) -> str:
         """The result as a JSON text; ``seconds`` apart, equal input gives equal text."""
         return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
+
+
+def _of_effect(n: NamedCause) -> dict[str, Any]:
+    """What a change has of an effect or an error of the records."""
+    return {
+        "title": n.title or n.cause,
+        "kind": n.kind,
+        "unit": n.unit,
+        "size": n.magnitude,
+        "low": n.low,
+        "high": n.high,
+        "tabulated": 0.0,
+        "relative": n.unit == "1" and (n.relative or n.kind in ("sensor", "input")),
+        "user_unit": n.user_unit,
+        "tolerances": math.nan,
+        "by_record": n.by_record,
+    }
+
+
+def _of_parameter(n: NamedCause, p: ParameterValue) -> dict[str, Any]:
+    """What a change has of a parameter, in the sense of its title."""
+    at = p.tabulated if n.parameter else 0.0
+    unit, ratio, user_unit = n.unit, 1.0, n.user_unit
+    if n.unit == p.unit or n.ratio < 0.0:
+        unit, ratio, user_unit = p.unit, n.ratio, p.user_unit
+    low, high = sorted((ratio * (n.low - at), ratio * (n.high - at)))
+    return {
+        "title": p.title or n.cause,
+        "kind": "parameter",
+        "unit": unit,
+        "size": ratio * (n.magnitude - at),
+        "low": low,
+        "high": high,
+        "tabulated": at,
+        "relative": unit == "1" and p.relative,
+        "user_unit": user_unit,
+        "tolerances": p.tolerances if 0.0 < p.sd < math.inf else math.nan,
+        "by_record": tuple(ratio * v for v in n.by_record),
+    }
 
 
 @dataclass(frozen=True)
