@@ -7,6 +7,7 @@ import pytest
 
 import unmodeled
 from unmodeled.data import Record
+from unmodeled.fit.mjcf_linear import _Linear, columns_of
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.models.model import Candidate, SensitivityRequest, difference_sensitivities
 
@@ -71,6 +72,26 @@ def test_they_are_those_of_runs_without_the_runs(ready):
         size = np.linalg.norm(other)
         assert np.linalg.norm(one - other) <= 0.08 * size, name
         assert size > 0.0 or name.endswith("force"), name
+
+
+def test_numbers_of_joints_and_servos_need_no_steps_of_a_changed_model(ready, monkeypatch):
+    """Their forces follow from their laws; a largest force that is not used changes nothing."""
+    used = []
+    monkeypatch.setattr(_Linear, "by_change", lambda *a: used.append(a[-1]) or 1 / 0)
+    model, record = ready.model, ready.records[0]
+    run = model._run(record, model._point([p.value for p in model.parameters]))
+    names = ("hip.damping", "knee.stiffness", "knee.armature", "c1.kp", "c2.kv", "c1.gear")
+    steps = {n: 0.01 * (model.mjcf.properties[n].value or 1.0) for n in names}
+    changes = [[({n: run.parameters.get(n, model.mjcf.properties[n].value) + h}, 1.0 / h)]
+               for n, h in steps.items()]  # fmt: skip
+    found = columns_of(model.mjcf, run, changes, (), (), model.outputs)
+    for column, (name, h) in zip(np.moveaxis(found, 2, 0), steps.items(), strict=True):
+        value = model.mjcf.properties[name].value
+        own = [{**run.parameters, name: value + k * h} for k in (0, 1)]
+        one, other = (model.mjcf(record.time, record.inputs, values) for values in own)
+        exact = np.array([(other[n] - one[n]) / h for n in model.outputs]).T
+        assert np.linalg.norm(column - exact) < 0.06 * np.linalg.norm(exact), name
+    assert not used
 
 
 def test_many_starts_need_no_runs_in_a_fit_either(ready):

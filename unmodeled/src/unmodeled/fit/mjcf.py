@@ -16,7 +16,7 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
 from unmodeled.files import check_suffix, write_text
 from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload, probe
-from unmodeled.fit.mjcf_linear import columns_of
+from unmodeled.fit.mjcf_linear import columns_of, largest_forces
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.fit.mjcf_start import (
@@ -30,7 +30,7 @@ from unmodeled.fit.mjcf_start import (
     starts_of,
     unit_of_start,
 )
-from unmodeled.fit.priors import Bounds, Priors, Unknowns, share_of, sized, wanted_change
+from unmodeled.fit.priors import MOST, Bounds, Priors, Unknowns, share_of, sized, wanted_change
 from unmodeled.fit.running import Run
 from unmodeled.fit.simulator import Simulator, match_simulator, numbers_of_simulator
 from unmodeled.models.matching import matched
@@ -51,7 +51,7 @@ from unmodeled.models.writing import numbers, suffixes, text, write, write_numbe
 #: the error of the time step is told.
 STEP_ERROR, OF_SPREAD = 0.3, 0.01
 #: Derivatives by fewer numbers, or by fewer start states, are faster by runs.
-FEW, FEW_STARTS = 8, 3
+FEW = 3
 #: Samples after which the influence of the starts may have faded, and the share of it that is none.
 BEGINNINGS, FADED = (30, 100, 300), 1e-3
 
@@ -63,6 +63,8 @@ class MujocoModel(Simulator):
     """The function, which makes changed models with ``mjcf.patched``."""
     _tested = False
     _starts: tuple[State, ...] = ()
+    _faded: dict[str, int]
+    """Samples after which the starts of a record had no influence."""
 
     def ready(self, records: Sequence[Record]) -> Ready:
         """See :class:`~unmodeled.fit.Model`: starts and the error of the time step are notes."""
@@ -92,22 +94,41 @@ class MujocoModel(Simulator):
         known, values = self.mjcf.properties, self._point([p.value for p in self.parameters])
         steps = {n: probe(self.mjcf.model, n, known[n].value) for n in self._unsized}
         steps = {n: v for n, v in steps.items() if v}
+        run = self._run(record, values)
         changes = [[({n: values[n] + v}, 1.0 / v)] for n, v in steps.items()]
-        found = columns_of(self.mjcf, self._run(record, values), changes, (), (), self.outputs)
+        found = columns_of(self.mjcf, run, changes, (), (), self.outputs)
         if found is None:
             return super()._sized(records)
-        sizes, notes = {}, []
+        sizes = {}
         for name, column in zip(steps, np.moveaxis(found, 2, 0), strict=True):
             if (share := share_of(column, unit)) > 0.0:
-                sizes[name] = float(f"{goal / share:.2g}")
+                sizes[name] = goal / share
+        joints = measured_joints(self.mjcf.model, self.outputs)
+        shown = dict(zip(self.outputs, goal * unit, strict=True))
+        used = largest_forces(self.mjcf, run)
+        for name in self._unsized:
+            owner, _, what = name.rpartition(".")
+            if what == "backlash" and owner in joints:  # its clearance is what the joint shows
+                sizes[name] = shown[joints[owner][POSITION]]
+            elif what == "force" and owner in used:
+                sizes[name] = known[name].value - (1.0 - MOST) * used[owner]
+        sizes = {n: float(f"{v:.2g}") for n, v in sizes.items()}
         told = ", ".join(f"{n} {v:g} {known[n].unit}" for n, v in sizes.items())
-        if told:
-            notes = [f"expected sizes, from their influence on record {record.name}: {told}"]
+        notes = [f"expected sizes, from their influence on record {record.name}: {told}"]
         effects = tuple(
-            replace(e, scale=sizes[e.name]) if e.name in sizes else e for e in self.effects
+            replace(e, scale=sizes[e.name], sign=self._side(e, used)) if e.name in sizes else e
+            for e in self.effects
         )
         others, more = sized(self, effects, self._unsized - sizes.keys(), records)
-        return others, [*notes, *more]
+        return others, [*(notes if told else []), *more]
+
+    def _side(self, effect: Effect, used: Mapping[str, float]) -> Literal[-1, 0, 1]:
+        """Sign of a change: of a largest force that is not reached, only a smaller one shows."""
+        owner, _, what = effect.name.rpartition(".")
+        unseen = (
+            what == "force" and used.get(owner, np.inf) < self.mjcf.properties[effect.name].value
+        )
+        return -1 if unseen else effect.sign
 
     def _in_pose(
         self,
@@ -120,7 +141,7 @@ class MujocoModel(Simulator):
         out = copy.copy(self)
         out.mjcf = out.function = copy.copy(self.mjcf)
         out.mjcf.key = key
-        out._runner = out._new_runner()
+        out._runner, out._faded = out._new_runner(), {}
         out._starts = tuple(
             State(
                 name=name,
@@ -196,16 +217,18 @@ class MujocoModel(Simulator):
     def _by_starts(self, request: SensitivityRequest) -> Array | None:
         """Derivatives by the start states along the motion: there are many, and they fade."""
         free = [start_in(s, request.record)[1] > 0.0 for s in self._starts]
-        if not request.by_starts or sum(free) < FEW_STARTS:
+        if not request.by_starts or sum(free) < FEW:
             return None
         values = self._values(np.concatenate([request.theta, request.sizes]), request.included)
         names, count = [s.name for s in self._starts], request.record.samples
         out = np.zeros((count, len(self.outputs), len(names)))
-        for end in (*(n for n in BEGINNINGS if n < count), count):
+        before = self._faded.get(request.record.name, 0)
+        for end in (*(n for n in BEGINNINGS if before <= n < count), count):
             run = self._run(request.record.cut(0, end), values, request.start)
             found = columns_of(self.mjcf, run, (), names, (), self.outputs)
             if found is None:
                 return None
+            self._faded[request.record.name] = end
             if np.abs(found[-1]).max() < FADED * np.abs(found).max():
                 break
         out[:end] = found
@@ -482,6 +505,6 @@ def mujoco(
     out.joints = joints_of(function.model)
     out.follows = followed(function.model)
     out.origin = Origin("mujoco", str(path), {**again, **how})
-    out._jumps = frozenset(n for n in known if n.endswith(".backlash"))
+    out._jumps = frozenset(n for n in known if n.endswith((".backlash", ".force")))
     out.effects = tuple(_placed(e, function) for e in out.effects)
     return out

@@ -27,7 +27,7 @@ from unmodeled.fit.mjcf_changes import (
 )
 from unmodeled.fit.mjcf_parts import check_compiled, outside_parts
 from unmodeled.fit.mjcf_start import set_starts
-from unmodeled.fit.running import Run, cores
+from unmodeled.fit.running import KEPT, Latest, Run, cores
 
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.
@@ -156,6 +156,8 @@ class Mjcf:
             raise InvalidParameter(f"{self.path}: cannot be read as MJCF: {error}") from None
         check_compiled(self.path, self.model)
         self.properties: dict[str, Property] = properties(self.model)
+        self.linearized: Latest[Any, Any] = Latest(KEPT // 4, lambda one: one.size)
+        """Linearized motions, see ``fit.mjcf_linear``."""
         self._structures: dict[tuple[frozenset[str], frozenset[int]], _Structure] = {}
         keys = [k.name for k in self.spec.keys]
         if self.key and self.key not in keys:
@@ -174,7 +176,7 @@ class Mjcf:
         return f"{self.path.name} sha256 {hashlib.sha256(whole.tobytes()).hexdigest()} {own}"
 
     def __getstate__(self) -> dict[str, Any]:
-        left = ("spec", "model", "properties", "_structures")
+        left = ("spec", "model", "properties", "linearized", "_structures")
         return {k: v for k, v in vars(self).items() if k not in left}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -444,7 +444,8 @@ class Simulator(Model):
         else:
             name, scale, (low, high) = str(of.data), of.scale, of.bounds
         if name in self._jumps and at == 0.0:  # a small one tells nothing of a usual one
-            return ((scale, 1.0 / scale),)
+            side = scale if scale <= high else -scale
+            return ((side, 1.0 / side),)
         step = self._steps.get(name) or Step(TRIAL * scale, central=True)
         return step.offsets(at, low, high)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,6 +22,9 @@ WEAK = 1e-3
 MOST = 50.0
 #: Cosine above which two causes are one.
 ALIKE = 0.98
+#: Share of the gain of the best cause from which others are tried too, and cosine at another fit
+#: from which two causes may be one.
+NEARLY = 0.8
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,12 @@ class Directions:
     """By record, (n, m, c)."""
 
 
-def directions(problem: Problem, fitted: Fitted, near: Directions | None = None) -> Directions:
+def directions(
+    problem: Problem,
+    fitted: Fitted,
+    near: Directions | None = None,
+    only: Collection[int] | None = None,
+) -> Directions:
     """Directions of the causes that a set lacks.
 
     Parameters
@@ -61,12 +69,15 @@ def directions(problem: Problem, fitted: Fitted, near: Directions | None = None)
     near
         Directions at another fit. If derivatives are not cheap, only those of the causes are
         computed that gain most with these: they differ little between fits.
+    only
+        The laws whose directions are wanted; None: all.
     """
     inside = problem.families_of(fitted.causes)
     further = tuple(
         Member(i, shape)
         for i, cause in enumerate(problem.causes)
         if cause.effect is not None and cause.family < 0 and i not in inside
+        if only is None or i in only
         for shape in cause.effect.shapes
     )
     if near is not None and not problem.model.cheap_derivatives:
@@ -89,6 +100,8 @@ class _Products:
     """(c,)"""
     curvature: Array
     """(c, c)"""
+    squares: Array
+    """The same with the other unknowns as they are, without a prior of the magnitudes."""
     normal: tuple[Array, Array, Array]
     """Normal equations of the set: matrix, right side, weights of the prior."""
     inverse: Any
@@ -107,7 +120,7 @@ def _products(problem: Problem, fitted: Fitted, seen: Directions) -> _Products:
     inverse = np.linalg.inv(own.matrix + np.diag(weight))
     slope = own.gain - own.further @ inverse @ (own.right - weight * x)
     curvature = own.own - own.further @ inverse @ own.further.T + WEAK * np.eye(len(slope))
-    return _Products(slope, curvature, (own.matrix, own.right, weight), inverse, linears)
+    return _Products(slope, curvature, own.own, (own.matrix, own.right, weight), inverse, linears)
 
 
 def scores(problem: Problem, fitted: Fitted, seen: Directions) -> list[Score]:
@@ -224,6 +237,24 @@ def equivalents(
             for cause in _same_when_fitted(problem, score.cause):
                 best[cause] = replace(score, cause=cause), cosine
     return sorted(best.values(), key=lambda f: -abs(f[1]))
+
+
+def nearly_alike(
+    problem: Problem, fitted: Fitted, seen: Directions, members: Sequence[int]
+) -> set[int] | None:
+    """Laws that may resemble members of a set at another fit; None: any, for all that is known.
+
+    ``fitted``, ``seen``: a fit without the members, and the directions there.
+    """
+    rows = {m: [j for j, f in enumerate(seen.further) if f.cause == m] for m in members}
+    if problem.model.cheap_derivatives or not all(rows.values()):
+        return None
+    found, own = _products(problem, fitted, seen), [j for some in rows.values() for j in some]
+    alike = np.zeros(len(seen.further), dtype=bool)
+    for squares in (found.curvature, found.squares):
+        size = np.sqrt(np.maximum(np.diag(squares), 0.0))
+        alike |= (np.abs(squares[own]) >= NEARLY * np.outer(size[own], size)).any(axis=0)
+    return {f.cause for f, is_alike in zip(seen.further, alike, strict=True) if is_alike}
 
 
 def _same_when_fitted(problem: Problem, member: int) -> list[int]:
