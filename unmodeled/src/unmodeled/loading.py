@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
@@ -116,39 +116,26 @@ class LoadedModel:
         from unmodeled.data.files import read_each
         from unmodeled.search.records import ready_records
 
+        if not files and not self.planned:
+            raise InvalidParameter(
+                f"{self.model.name}: has no planned runs; give files with a time and inputs"
+            )
         model = ready_records(self.model, records).model if records else self.model
         signals = replace(self, model=model).signals
-        known = {
-            n: s
-            for r in (records or self.planned)
-            for n, s in r.sensors.items()
-            if n in model.outputs
-        }
+        sensors = [s for r in (records or self.planned) for s in r.sensors.items()]
+        known = {n: s for n, s in sensors if n in model.outputs}
         wanted = self.outputs_of(channels) if channels else ()
         for name in wanted or (() if known else model.outputs):
             known.setdefault(name, Sensor(name=name, unit=model.units.get(name, "1")))
-        if not files and not self.planned:
-            raise InvalidParameter(
-                f"{model.name}: has no planned runs; give files with a time and inputs"
-            )
         if not files:
             return tuple(_measured_by(r, known) for r in self.planned)
         inputs = (*signals.inputs, *(n for names in signals.modes.values() for n in names))
         # An input column counts as an output too, because a file without outputs is no record.
         outputs = () if signals.any_inputs else (*signals.outputs, *inputs)
-        out = []
-        for r in (
-            r for g in read_each(files, replace(signals, outputs=outputs), options) for r in g
-        ):
-            if not model.outputs:  # a function: its outputs are among the columns
-                out.append(r)
-                continue
-            applied = (
-                {} if outputs else {n: v for n, v in r.outputs.items() if n not in model.outputs}
-            )
-            sensors = {n: s for n, s in r.sensors.items() if n in model.outputs} or known
-            out.append(_measured_by(r, sensors, {**applied, **r.inputs}))
-        return tuple(out)
+        read = [r for g in read_each(files, replace(signals, outputs=outputs), options) for r in g]
+        if not model.outputs:  # a function: its outputs are among the columns
+            return tuple(read)
+        return tuple(_proposed(r, model.outputs, known, any_inputs=not outputs) for r in read)
 
     def with_records(self, records: Sequence[Record], exclude: Sequence[str] = ()) -> LoadedModel:
         """Copy whose effects are made from these records, or from planned ones.
@@ -218,6 +205,15 @@ def _measured_by(
     """A planned record with other sensors, and with other inputs if they are given."""
     outputs = {n: np.zeros(record.samples) for n in sensors}
     return replace(record, inputs=inputs or record.inputs, outputs=outputs, sensors=dict(sensors))
+
+
+def _proposed(
+    record: Record, outputs: Collection[str], known: Mapping[str, Sensor], *, any_inputs: bool
+) -> Record:
+    """A record that could be made, from a file; ``any_inputs``: its other columns are inputs."""
+    other = {n: v for n, v in record.outputs.items() if any_inputs and n not in outputs}
+    sensors = {n: s for n, s in record.sensors.items() if n in outputs} or known
+    return _measured_by(record, sensors, {**other, **record.inputs})
 
 
 @checked
@@ -295,11 +291,12 @@ def load_model(
         make = fmu if kind == ".fmu" else mujoco
         model = make(path, parameters=parameters, unknown=unknown or None, **running)
         return LoadedModel(model, default=True)
+    settings = dict(settings or {})
     for extension in extensions():
-        loaded = extension.load(name, settings or {}, channels, notify)
+        loaded = extension.load(name, settings, channels, notify)
         if loaded is None:
             continue
-        given = {"settings": dict(settings or {}), "channels": tuple(channels)}
+        given = {"settings": settings, "channels": tuple(channels)}
         loaded.model.origin = Origin("load_model", name, given)
         if parameters or unknown:
             raise InvalidParameter(
@@ -307,13 +304,17 @@ def load_model(
                 "--parameter and --unknown"
             )
         return loaded
+    raise InvalidParameter(_no_model(name, kind))
+
+
+def _no_model(name: str, kind: str) -> str:
     from unmodeled.data.columns import MEASURED_FILES
 
     measured = kind in MEASURED_FILES
     hint = "; this is a file of data, the model is the first argument" if measured else ""
     others = [n for e in extensions() for n in e.names()]
     known = f", or one of {', '.join(others)}" if others else ""
-    raise InvalidParameter(
+    return (
         f"no model {name!r}; expected a Python file (model.py:FUNCTION), an FMU, a MuJoCo model "
         f"(.xml){known}{hint}"
     )

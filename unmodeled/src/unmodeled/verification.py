@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -172,6 +172,28 @@ def _no_nesting(path: Path) -> Any:
     return content
 
 
+def _faults_of_files(folder: Path, case: Stored, *, given: bool) -> Iterator[str]:
+    """Files that are missing, outside, or not listed."""
+    records = [Path(r.file) for r in case.records]
+    tables = [p.with_suffix(".toml") for p in records if p.name]
+    needed = [p.as_posix() for p in (*records, *(t for t in tables if is_file(folder / t)))]
+    needed += [] if given or not case.model.file else [case.model.file]
+    for name in dict.fromkeys([*case.sha256, *needed, "report.json"]):
+        try:
+            there = is_file(beside(folder, name, "case.json"))
+        except InvalidParameter:
+            yield f"{shortened(name)} is outside of the folder"
+            continue
+        if not there:
+            yield f"{shortened(name)} is missing"
+        if name not in case.sha256:
+            yield f"{shortened(name)} has no hash in case.json"
+    for path in () if given else (folder / "model").rglob("*"):
+        name = path.relative_to(folder).as_posix()
+        if not is_folder(path) and name not in case.sha256:
+            yield f"{shortened(name)} is no file of the case: remove it"
+
+
 def _opened(folder: Path, *, given: bool) -> Stored:
     """case.json of a folder whose files are all there; all that are read are listed in it.
 
@@ -184,25 +206,7 @@ def _opened(folder: Path, *, given: bool) -> Stored:
             "unmodeled diagnose --out wrote"
         )
     case = validated(Stored, _no_nesting(path), str(path), DataError)
-    records = [Path(r.file) for r in case.records]
-    tables = [p.with_suffix(".toml") for p in records if p.name]
-    needed = [p.as_posix() for p in (*records, *(t for t in tables if is_file(folder / t)))]
-    needed += [] if given or not case.model.file else [case.model.file]
-    named = dict.fromkeys([*case.sha256, *needed, "report.json"])
-    faults = []
-    for name in named:
-        try:
-            there = is_file(beside(folder, name, "case.json"))
-        except InvalidParameter:
-            faults.append(f"{shortened(name)} is outside of the folder")
-            continue
-        faults += [] if there else [f"{shortened(name)} is missing"]
-        faults += [] if name in case.sha256 else [f"{shortened(name)} has no hash in case.json"]
-    if not given:
-        names = (p.relative_to(folder).as_posix() for p in (folder / "model").rglob("*")
-                 if not is_folder(p))  # fmt: skip
-        strange = [n for n in names if n not in case.sha256]
-        faults += [f"{shortened(n)} is no file of the case: remove it" for n in strange]
+    faults = [*_faults_of_files(folder, case, given=given)]
     if not faults and not given and Path(case.model.file).suffix.lower() in MJCF:
         faults = _strange_parts(folder, case)
     if faults:
@@ -220,6 +224,18 @@ def _strange_parts(folder: Path, case: Stored) -> list[str]:
         for p in parts
         if p.resolve() not in known
     ]
+
+
+def _with_priors(folder: Path, model: Model, priors: Sequence[Parameter]) -> Model:
+    """A model with the stored priors of all its parameters."""
+    own = {p.name: p for p in model.parameters}
+    if sorted(own) != sorted(p.name for p in priors):
+        raise InvalidParameter(
+            f"{folder}: the model {model.name} has the parameters {', '.join(own) or 'none'}, the "
+            f"case {', '.join(p.name for p in priors) or 'none'}: expected the same ones"
+        )
+    other = {p.name: p for p in priors if p != own[p.name]}
+    return model.with_parameters(other) if other else model
 
 
 def _model_again(
@@ -245,15 +261,7 @@ def _model_again(
     if shapes:
         included = [made("case.json: included", _candidate, pool[n], s) for n, s in shapes.items()]
         model = including(base, included)
-    own = {p.name: p for p in model.parameters}
-    if sorted(own) != sorted(p.name for p in priors):
-        raise InvalidParameter(
-            f"{folder}: the model {base.name} has the parameters {', '.join(own) or 'none'}, the "
-            f"case {', '.join(p.name for p in priors) or 'none'}: expected the same ones"
-        )
-    if other := {p.name: p for p in priors if p != own[p.name]}:
-        model = model.with_parameters(other)
-    return model, tuple(
+    return _with_priors(folder, model, priors), tuple(
         made(f"case.json: candidate {c.name}", _disputed, pool[c.name], c) for c in case.candidates
     )
 
@@ -327,35 +335,44 @@ def _notes(case: Stored, stored: Answer, again: Answer) -> Iterator[str]:
         yield f"{which} search ended at its limit of time: answers then depend on the processor"
 
 
+_Pair = tuple[Mapping[str, Any] | None, Mapping[str, Any] | None]
+
+
+def _pairs(
+    stored: Iterable[Mapping[str, Any]], again: Iterable[Mapping[str, Any]], key: str = "name"
+) -> Iterator[tuple[str, _Pair, str]]:
+    """Name, rows and unit of what has one name in two tables, or stands in one of them."""
+    one, other = ({row[key]: row for row in table} for table in (stored, again))
+    for name, row in (one | {n: r for n, r in other.items() if n not in one}).items():
+        yield name, (one.get(name), other.get(name)), row["unit"]
+
+
+def _both(pair: _Pair, what: str) -> list[Any]:
+    return [None if row is None else row[what] for row in pair]
+
+
+def _interval_rows(title: str, pair: _Pair, unit: str, value: str) -> Iterator[Repeated]:
+    width = max(row["high"] - row["low"] for row in pair if row is not None)
+    for what, more in ((value, ""), ("low", ", low"), ("high", ", high")):
+        yield _number_row(f"{title}{more}", unit, _both(pair, what), OF_INTERVAL * width)
+
+
 def _compared(stored: Mapping[str, Any], again: Mapping[str, Any]) -> Iterator[Repeated]:
     """The numbers of two answers, in the order of a report."""
     yield _text_row("verdict", stored["verdict"], again["verdict"])
     for what, key in (("named causes", "named"), ("classes", "classes")):
         yield _text_row(what, *(_causes(r[key]) for r in (stored, again)))
-    groups = (
-        ("", "named", "cause", "magnitude"),
-        ("parameter ", "parameters", "name", "value"),
+    named, parameters = (
+        (_listed(stored, table), _listed(again, table)) for table in ("named", "parameters")
     )
-    for lead, table, key, value in groups:
-        one, other = ({x[key]: x for x in _listed(r, table)} for r in (stored, again))
-        for name in dict.fromkeys([*one, *other]):
-            pair = one.get(name), other.get(name)
-            known = [p for p in pair if p is not None]
-            width = max(p["high"] - p["low"] for p in known)
-            for what in (value, "low", "high"):
-                values = [None if p is None else p[what] for p in pair]
-                title = f"{lead}{name}{'' if what == value else f', {what}'}"
-                yield _number_row(title, known[0]["unit"], values, OF_INTERVAL * width)
-            if table == "named":
-                values = [None if p is None else p["probability"] for p in pair]
-                yield _number_row(f"{name}, probability", "1", values, OF_PROBABILITY)
-    one, other = ({c["name"]: c for c in r["channels"]} for r in (stored, again))
-    for name in dict.fromkeys([*one, *other]):
-        pair = one.get(name), other.get(name)
-        unit = next(p["unit"] for p in pair if p is not None)
+    for name, pair, unit in _pairs(*named, key="cause"):
+        yield from _interval_rows(name, pair, unit, "magnitude")
+        yield _number_row(f"{name}, probability", "1", _both(pair, "probability"), OF_PROBABILITY)
+    for name, pair, unit in _pairs(*parameters):
+        yield from _interval_rows(f"parameter {name}", pair, unit, "value")
+    for name, pair, unit in _pairs(stored["channels"], again["channels"]):
         for what in ("tabulated", "calibrated", "explained", "noise"):
-            values = [None if p is None else p[what] for p in pair]
-            yield _number_row(f"residual of {name}, {what}", unit, values, 0.0)
+            yield _number_row(f"residual of {name}, {what}", unit, _both(pair, what), 0.0)
     values = [r["nothing"] for r in (stored, again)]
     yield _number_row("no cause is missing, probability", "1", values, OF_PROBABILITY)
     gains = [None if (g := r["held_out_gain"]) is None else g[0] for r in (stored, again)]

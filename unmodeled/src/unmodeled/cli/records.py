@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
@@ -82,33 +82,30 @@ def check(
     if as_json:
         rows = [{k: None if isinstance(v, float) and not isfinite(v) else v for k, v in r.items()}
                 for r in comparison.frame.to_dict("records")]  # fmt: skip
-        print_json(
-            {
-                "rows": rows,
-                "hints": [asdict(h) for h in comparison.hints],
-                "notes": comparison.notes,
-            }
-        )
+        hints = [asdict(h) for h in comparison.hints]
+        print_json({"rows": rows, "hints": hints, "notes": comparison.notes})
     else:
-        units = loaded.model.units
-        strange = [n for n in comparison.notes if NO_OUTPUT in n]
-        notes = [n for n in comparison.notes if n not in strange]
-        _print_notes(strange)
-        _print_channels(_channels(comparison.records))
-        inputs = [
-            (r.name, n, r.input_units.get(n) or units.get(n) or "1", f"{v.min():.4g}",
-             f"{v.max():.4g}")
-            for r in comparison.records for n, v in r.inputs.items()
-        ]  # fmt: skip
-        if inputs:
-            heads = "=record | =input | unit | >lowest | >highest"
-            show("inputs of the model", heads, inputs)
-        _print_comparison(comparison)
-        _print_notes([*(h.text for h in comparison.hints), *notes, *_without_noise(comparison)])
-        if not comparison.hints:
-            say("No unit, sign, delay or order of columns explains the difference: go on with "
-                "`unmodeled diagnose`.")  # fmt: skip
+        _print_check(comparison, loaded.model.units)
     save_figure(picture, comparison.plot, force=force)
+
+
+def _print_check(comparison: Comparison, units: Mapping[str, str]) -> None:
+    strange = [n for n in comparison.notes if NO_OUTPUT in n]
+    notes = [n for n in comparison.notes if n not in strange]
+    _print_notes(strange)
+    _print_channels(_channels(comparison.records))
+    inputs = [
+        (r.name, n, r.input_units.get(n) or units.get(n) or "1", f"{v.min():.4g}",
+         f"{v.max():.4g}")
+        for r in comparison.records for n, v in r.inputs.items()
+    ]  # fmt: skip
+    if inputs:
+        show("inputs of the model", "=record | =input | unit | >lowest | >highest", inputs)
+    _print_comparison(comparison)
+    _print_notes([*(h.text for h in comparison.hints), *notes, *_without_noise(comparison)])
+    if not comparison.hints:
+        say("No unit, sign, delay or order of columns explains the difference: go on with "
+            "`unmodeled diagnose`.")  # fmt: skip
 
 
 def _split(given: Sequence[str]) -> tuple[str | None, list[Path]]:

@@ -209,17 +209,22 @@ def _merge(
 # ------------------------------------------------------------------------------ logs of robots
 
 
+def _file_of(path: Path) -> Path | None:
+    """The file of a bag, which may be a folder; None: it is no bag."""
+    if not path.is_dir():
+        return path if path.suffix.lower() in (".db3", ".mcap") else None
+    inside = sorted(p for p in path.iterdir() if p.suffix.lower() in (".db3", ".mcap"))
+    if not inside or not is_file(path / "metadata.yaml"):
+        return None
+    if len(inside) > 1:
+        raise DataError(f"{path}: is a bag of {len(inside)} files; give one of them")
+    return inside[0]
+
+
 def read_logs(path: Path) -> Sequence[Log] | None:
     """The run of a bag with states of joints; None: it is no bag, or has none."""
-    file = path
-    if path.is_dir():
-        inside = sorted(p for p in path.iterdir() if p.suffix.lower() in (".db3", ".mcap"))
-        if not inside or not is_file(path / "metadata.yaml"):
-            return None
-        if len(inside) > 1:
-            raise DataError(f"{path}: is a bag of {len(inside)} files; give one of them")
-        file = inside[0]
-    elif path.suffix.lower() not in (".db3", ".mcap"):
+    file = _file_of(path)
+    if file is None:
         return None
     found: dict[tuple[str, Kind], tuple[list[int], list[float]]] = {}
     count = 0

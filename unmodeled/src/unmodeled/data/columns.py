@@ -26,6 +26,7 @@ from unmodeled.data.formats import (
 )
 from unmodeled.data.instruments import add_stated, read_tdms, without_monitor, workbook_lines
 from unmodeled.data.mat import mat_variables
+from unmodeled.data.records import Array
 from unmodeled.data.series import MOST_NUMBERS, Columns, columns_of, limit_text
 from unmodeled.data.tables import read_number, read_table, text_lines
 from unmodeled.data.trackers import read_tracked
@@ -186,6 +187,19 @@ def _read_hdf5(path: Path, kind: str, *, groups: bool = False) -> Columns:
         raise DataError(f"{path}: cannot be read as {kind}: {reason}") from None
 
 
+def _unpacked(values: Array, item: Hdf5Dataset, faults: list[str]) -> Array:
+    """Values by the attributes of a packed series."""
+    fills = [_attribute(item, key, faults) for key in ("_FillValue", "missing_value")]
+    for fill in fills:
+        if fill is not None:
+            values[values == fill] = np.nan
+    gain = _attribute(item, "scale_factor", faults)
+    shift = _attribute(item, "add_offset", faults)
+    with np.errstate(over="ignore"):  # the record reports infinite values
+        values = values if gain is None else values * gain
+        return values if shift is None else values + shift
+
+
 def _series(file: Hdf5File, *, groups: bool) -> Columns:
     """Series of a file; ``groups``: also those in groups, and the columns of tables (n, k)."""
     columns = Columns()
@@ -211,18 +225,7 @@ def _series(file: Hdf5File, *, groups: bool) -> Columns:
         if not series or (table and add_block(columns, name, values)):
             continue
         values = values.ravel()
-        for key in ("_FillValue", "missing_value"):
-            fill = _attribute(item, key, faults)
-            if fill is not None:
-                values[values == fill] = np.nan
-        gain = _attribute(item, "scale_factor", faults)
-        shift = _attribute(item, "add_offset", faults)
-        with np.errstate(over="ignore"):  # the record reports infinite values
-            if gain is not None:
-                values *= gain
-            if shift is not None:
-                values += shift
-        columns.values[name] = values
+        columns.values[name] = _unpacked(values, item, faults)
         unit = item.attribute("units")
         if unit is not None:
             columns.units[name] = plain_text(unit)

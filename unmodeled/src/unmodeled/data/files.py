@@ -480,6 +480,22 @@ def _acted(sheet: Sheet, record: Record) -> Record:
     return record
 
 
+def _fault_of_scale(spec: ColumnSpec, unit: str) -> str:
+    """Why the size of one unit of a column is not known; "": it is."""
+    if spec.scale == "" and unit == PIXEL:
+        return (
+            ' is in pixels: how large is one? (scale = "0.21 mm" in the TOML, or --scale 0.21mm, '
+            "in Python scales of ReadOptions)"
+        )
+    if spec.scale != "" and _scale(spec.scale) is None:
+        return (
+            f": scale = {shortened(repr(spec.scale))}, expected what one {unit or 'unit'} is, such "
+            "as 0.21mm or 360deg/4096, or the distance of two points, such as "
+            '"210 mm from 120 340 to 412 338"'
+        )
+    return ""
+
+
 def _series(
     name: str, spec: ColumnSpec, sheet: Sheet, columns: Columns, model: str, faults: list[str]
 ) -> tuple[Array, str]:
@@ -492,24 +508,13 @@ def _series(
         faults.append(f"no column {shown!r}{which}; there are {columns}")
         return empty
     unit = unit_of_column(columns, key, spec.unit)
+    if unscaled := _fault_of_scale(spec, unit):
+        faults.append(f"column {shown}{unscaled}")
+        return empty
     scale, down = 1.0, bool(spec.down)
-    if spec.scale != "":
-        size = _scale(spec.scale)
-        if size is None:
-            faults.append(
-                f"column {shown}: scale = {shortened(repr(spec.scale))}, expected what one "
-                f"{unit or 'unit'} is, such as 0.21mm or 360deg/4096, or the distance of two "
-                'points, such as "210 mm from 120 340 to 412 338"'
-            )
-            return empty
+    if (size := _scale(spec.scale)) is not None:
         down = name.endswith(".y") and unit == PIXEL if spec.down is None else down
         scale, unit = size
-    elif unit == PIXEL:
-        faults.append(
-            f'column {shown} is in pixels: how large is one? (scale = "0.21 mm" in the TOML, or '
-            "--scale 0.21mm, in Python scales of ReadOptions)"
-        )
-        return empty
     converted = conversion(unit, spec.si, model)
     if converted is None:
         expected = "give its si and factor"

@@ -203,15 +203,19 @@ def read_json_table(path: Path) -> Columns:
         if isinstance(content, dict):
             longest = max(map(len, content.values()), default=0)
             table = {k: v for k, v in content.items() if len(v) == longest}
-        elif isinstance(content, list) and content and all(isinstance(r, dict) for r in content):
-            rows = [dict(_leaves(r)) for r in content]
-            names = dict.fromkeys(n for row in rows for n in row)
-            if len(names) * len(rows) > MOST_NUMBERS:
-                raise DataError(f"{path}: {len(rows)} records of {len(names)}; {limit_text()}")
-            table = {n: [row.get(n) for row in rows] for n in names}
         else:
-            raise DataError(f"{path}: expected a list of records, or lists by name")
+            table = _of_records(path, content)
         return columns_of_frame(pd.DataFrame(table))
+
+
+def _of_records(path: Path, content: Any) -> dict[str, list[Any]]:
+    if not (isinstance(content, list) and content and all(isinstance(r, dict) for r in content)):
+        raise DataError(f"{path}: expected a list of records, or lists by name")
+    rows = [dict(_leaves(r)) for r in content]
+    names = dict.fromkeys(n for row in rows for n in row)
+    if len(names) * len(rows) > MOST_NUMBERS:
+        raise DataError(f"{path}: {len(rows)} records of {len(names)}; {limit_text()}")
+    return {n: [row.get(n) for row in rows] for n in names}
 
 
 def _leaves(record: Mapping[str, Any], name: str = "") -> Iterator[tuple[str, Any]]:

@@ -125,6 +125,16 @@ def record_from_frame(
     return build_records(Path(name), sheet, columns, {}, guessed=True)[0]
 
 
+def _of_arrays(given: Mapping[Any, Any], what: str) -> pd.DataFrame:
+    import pandas as pd
+
+    sizes = {str(k): len(v) if np.ndim(v) else 1 for k, v in given.items()}
+    if len({*sizes.values()}) > 1:
+        listed = ", ".join(f"{k} {n}" for k, n in sizes.items())
+        raise DataError(f"{what}: the columns have different numbers of values: {listed}")
+    return pd.DataFrame({k: list(v) if np.ndim(v) > 1 else v for k, v in given.items()})
+
+
 def as_frame(given: Any, what: str) -> pd.DataFrame:
     """A table as a DataFrame of pandas, with one heading for each column.
 
@@ -141,11 +151,7 @@ def as_frame(given: Any, what: str) -> pd.DataFrame:
 
     frame = given
     if isinstance(given, Mapping) and not hasattr(given, "to_dataframe"):
-        sizes = {str(k): len(v) if np.ndim(v) else 1 for k, v in given.items()}
-        if len({*sizes.values()}) > 1:
-            listed = ", ".join(f"{k} {n}" for k, n in sizes.items())
-            raise DataError(f"{what}: the columns have different numbers of values: {listed}")
-        frame = pd.DataFrame({k: list(v) if np.ndim(v) > 1 else v for k, v in given.items()})
+        frame = _of_arrays(given, what)
     elif not isinstance(given, pd.DataFrame):
         make = getattr(given, "to_pandas", None) or getattr(given, "to_dataframe", None)
         try:

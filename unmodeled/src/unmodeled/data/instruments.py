@@ -114,16 +114,17 @@ def _add_clock(columns: Columns, table: Table, first: str) -> None:
 def without_monitor(lines: Lines) -> Lines:
     """Lines of a serial monitor as a table: ``12:30:05.250 -> 1.23,4.56``; others as they are."""
     matches = [_MONITOR.fullmatch(text) for text in lines.texts]
-    stamped = [m for m in matches if m is not None]
+    stamped = [*filter(None, matches)]
     if 2 * len(stamped) < len(lines) or len(stamped) < 2:
         return lines
     rows = [m[2] for m in stamped]
     numbers = lines.numbers[[m is not None for m in matches]]
     separator, decimal = style_of(Lines(rows, numbers))
     cells = [row.split(separator) for row in rows]
-    pairs = [_NAMED.fullmatch(c) for c in cells[-1]]
-    if all(p is not None and read_number(p[2], decimal) is not None for p in pairs):
-        names = [p[1] for p in pairs if p is not None]
+    pairs = [m for c in cells[-1] if (m := _NAMED.fullmatch(c))]
+    named = len(pairs) == len(cells[-1])
+    if named and all(read_number(m[2], decimal) is not None for m in pairs):
+        names = [m[1] for m in pairs]
         cells = [[c.rpartition(":")[2] for c in row] for row in cells]
     elif all(read_number(c, decimal) is None for c in cells[0]):
         names, cells, stamped, numbers = cells[0], cells[1:], stamped[1:], numbers[1:]

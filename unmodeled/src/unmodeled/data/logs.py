@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -116,32 +116,31 @@ def _sage(path: Path) -> list[Log] | None:
     if not is_file(path / "state_motor.csv"):
         below = sorted(p.parent for p in path.glob("*/state_motor.csv"))
         return [log for p in below for log in _sage(p) or []] or None
-    names: list[str] | None = None
+    names: list[str] = []
     if is_file(path / "joint_list.txt"):
         text = read_input(path / "joint_list.txt", most=LARGEST_TABLE).decode("utf-8", "replace")
         names = [line.strip() for line in text.splitlines() if line.strip()]
-    signals: list[Signal] = []
-    for file in ("control.csv", "state_motor.csv"):
-        if not is_file(path / file):
+    files = [path / name for name in ("control.csv", "state_motor.csv") if is_file(path / name)]
+    return [Log(path.name, tuple(s for file in files for s in _of_sage(file, names)), "SAGE")]
+
+
+def _of_sage(file: Path, names: Sequence[str]) -> Iterator[Signal]:
+    """Signals of a file of a motion; of goals, only the positions count."""
+    time, lists = _lists(file)
+    goals = file.name == "control.csv"
+    for heading, block in lists.items():
+        if heading not in _SAGE:
             continue
-        time, lists = _lists(path / file)
-        for heading, block in lists.items():
-            if heading not in _SAGE:
-                continue
-            kind, unit = _SAGE[heading]
-            own = names or [f"joint{j + 1}" for j in range(block.shape[1])]
-            if len(own) != block.shape[1]:
-                raise DataError(
-                    f"{path / file}: {heading} has {block.shape[1]} numbers, and joint_list.txt "
-                    f"{len(own)} names"
-                )
-            if file == "control.csv" and kind != "position":
-                continue
-            signals += [
-                Signal(n, "goal" if file == "control.csv" else kind, time, block[:, j], unit)  # type: ignore[arg-type]
-                for j, n in enumerate(own)
-            ]
-    return [Log(path.name, tuple(signals), "SAGE")]
+        kind, unit = _SAGE[heading]
+        own = names or [f"joint{j + 1}" for j in range(block.shape[1])]
+        if len(own) != block.shape[1]:
+            raise DataError(
+                f"{file}: {heading} has {block.shape[1]} numbers, and joint_list.txt {len(own)} "
+                "names"
+            )
+        if kind == "position" or not goals:
+            for j, name in enumerate(own):
+                yield Signal(name, "goal" if goals else kind, time, block[:, j], unit)  # type: ignore[arg-type]
 
 
 def _lists(path: Path) -> tuple[Array, dict[str, Array]]:
@@ -178,32 +177,44 @@ _BAM = {"goal_position": ("goal", "rad"), "position": ("position", "rad"),
         "speed": ("velocity", "rad/s"), "torque_demand": ("torque", "N m")}  # fmt: skip
 
 
+def _bam_content(path: Path) -> dict[str, Any] | None:
+    try:
+        content = read_json(path)
+    except DataError:  # another reader tells what is wrong
+        return None
+    entries = content.get("entries") if isinstance(content, dict) else None
+    listed = isinstance(entries, list) and len(entries) > 1 and isinstance(entries[0], dict)
+    return content if listed else None
+
+
+def _with_torque(entries: Sequence[Mapping[str, Any]]) -> tuple[int, int]:
+    """First and last sample of the record: while the torque is off there is no goal."""
+    on = [bool(e.get("torque_enable", True)) for e in entries]
+    first = on.index(True) if any(on) else 0
+    return first, next((k for k in range(first + 1, len(on)) if not on[k]), len(on))
+
+
 def _bam(path: Path) -> list[Log] | None:
     """A JSON file with ``entries`` of one servo, or a folder of them."""
     if path.is_dir():  # it may hold other files, also damaged ones
         return [log for p in sorted(path.glob("*.json")) for log in _bam(p) or []] or None
     if path.suffix.lower() != ".json":
         return None
-    try:
-        content = read_json(path)
-    except DataError:  # another reader tells what is wrong
+    content = _bam_content(path)
+    if content is None:
         return None
-    entries = content.get("entries") if isinstance(content, dict) else None
-    if not isinstance(entries, list) or len(entries) < 2 or not isinstance(entries[0], dict):
-        return None
+    entries = content["entries"]
     wanted = [n for n in _BAM if n in entries[0]]
     if "timestamp" not in entries[0] or "position" not in wanted:
         raise DataError(f"{path}: its entries have no timestamp and position; there are "
                         f"{', '.join(map(str, entries[0]))}")  # fmt: skip
-    # While the torque is off there is no goal: the record ends there.
-    free = [k for k, e in enumerate(entries) if e.get("torque_enable", True)] or [0]
-    end = next((k for k in range(free[0], len(entries)) if k not in {*free}), len(entries))
+    first, end = _with_torque(entries)
     notes: tuple[str, ...] = ()
-    if end - free[0] < len(entries):
-        notes = (f"{path.stem}: samples {free[0]} to {end} of {len(entries)} are used: the torque "
+    if end - first < len(entries):
+        notes = (f"{path.stem}: samples {first} to {end} of {len(entries)} are used: the torque "
                  "is off in the others",)  # fmt: skip
     try:
-        table = {n: np.array([float(e[n]) for e in entries[free[0] : end]])
+        table = {n: np.array([float(e[n]) for e in entries[first:end]])
                  for n in ("timestamp", *wanted)}  # fmt: skip
     except (KeyError, TypeError, ValueError) as error:
         raise DataError(f"{path}: an entry has no number {error}") from None

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -143,15 +144,12 @@ def sheet_for(
     return _changed(path, sheet, columns, signals, options)
 
 
-def with_headed_units(columns: Columns, signals: Signals, options: ReadOptions) -> Columns:
-    """The columns with units that follow the name of a channel: ``room_degC`` is room in degC.
-
-    The unit counts only if it measures the quantity of the channel in the model. A note tells it.
-    """
+def _headed(
+    columns: Columns, signals: Signals, options: ReadOptions, assigned: Mapping[str, str]
+) -> Iterator[tuple[str, tuple[str, str]]]:
+    """Columns whose name ends with a unit; their channel, and the unit."""
     channel_of = {plain_name(n): n for n in (*signals.inputs, *signals.outputs)}
-    assigned = {columns.find(c): n for n, c in options.columns.items()}
     taken = {plain_name(c) for c in columns.values} | {*options.columns}
-    found: dict[str, tuple[str, str]] = {}
     for column in columns.values:
         name, _, unit = column.rpartition("_" if "_" in column else " ")
         channel = assigned.get(column)
@@ -159,7 +157,16 @@ def with_headed_units(columns: Columns, signals: Signals, options: ReadOptions) 
             channel = channel_of.get(plain_name(name))
         known = spelled_unit(unit) if channel and not columns.units.get(column) else None
         if channel and known and _reads(known, signals.units.get(channel, "")):
-            found[column] = channel, known
+            yield column, (channel, known)
+
+
+def with_headed_units(columns: Columns, signals: Signals, options: ReadOptions) -> Columns:
+    """The columns with units that follow the name of a channel: ``room_degC`` is room in degC.
+
+    The unit counts only if it measures the quantity of the channel in the model. A note tells it.
+    """
+    assigned = {columns.find(c): n for n, c in options.columns.items()}
+    found = dict(_headed(columns, signals, options, assigned))
     if not found:
         return columns
     named = {c: c if c in assigned else found[c][0] if c in found else c for c in columns.values}
@@ -208,19 +215,17 @@ def _of_model(path: Path, columns: Columns, signals: Signals, options: ReadOptio
         column = columns.find(name, *signals.names.get(name, ()))
         return column or (_by_quantity(columns, signals, name) if signals.is_input(name) else "")
 
-    place = {n: find(n) for names in signals.modes.values() for n in names}
-    place |= {n: find(n) for n in (*signals.inputs, *signals.outputs)}
+    names = [*chain(*signals.modes.values()), *signals.inputs, *signals.outputs]
+    place = {n: find(n) for n in names}
     fitting = [m for m, names in signals.modes.items() if all(place[n] for n in names)]
     measured = [n for n in signals.outputs if place[n]]
     faults = _unknown_channels(signals, options, ())
+    there = f"there are {columns} ({which_column()})"
     if signals.modes and not fitting:
-        wanted = " or ".join(" and ".join(names) for names in signals.modes.values())
-        faults.append(f"no column {wanted} for the input; there are {columns} ({which_column()})")
+        wanted = " or ".join(map(" and ".join, signals.modes.values()))
+        faults.append(f"no column {wanted} for the input; {there}")
     if not measured:
-        faults.append(
-            f"none of the outputs {', '.join(signals.outputs)}; there are {columns} "
-            f"({which_column()})"
-        )
+        faults.append(f"none of the outputs {', '.join(signals.outputs)}; {there}")
     mode: InputMode = next(iter([*fitting, *signals.modes]), "force")
     driven = (*signals.inputs, *signals.modes.get(mode, ()))
     if signals.any_inputs:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, TypeVar
@@ -124,6 +124,7 @@ class Sensor:
                 f"colored_sigma = {self.colored_sigma!r}, expected with it a correlation_time > 0 "
                 "and a sigma, that of the white noise"
             )
+        faults += self._faults_of_faults()
         if not self.bandwidth > 0.0:
             faults.append(f"bandwidth = {self.bandwidth!r}, expected > 0 [Hz]")
         if not 0.0 < abs(self.gain) <= LARGEST_VALUE:
@@ -131,14 +132,16 @@ class Sensor:
         for name in ("delay", "offset"):
             if not abs(getattr(self, name)) <= LARGEST_VALUE:
                 faults.append(f"{name} = {getattr(self, name)!r}, expected a finite number")
+        if faults:
+            raise DataError(f"sensor {self.name}: " + "; ".join(faults))
+
+    def _faults_of_faults(self) -> Iterator[str]:
         for key in ("faults", "faults_sd"):
             for name, value in getattr(self, key).items():
                 if not (fault := fault_of(name)).stated or f"{name}_sd" in vars(self):
-                    faults.append(f"{key}: {fault.name} is not stated here")
+                    yield f"{key}: {fault.name} is not stated here"
                 if not math.isfinite(value) or (key == "faults_sd" and value < 0.0):
-                    faults.append(f"{key}: {name} = {value!r}, expected a finite number")
-        if faults:
-            raise DataError(f"sensor {self.name}: " + "; ".join(faults))
+                    yield f"{key}: {name} = {value!r}, expected a finite number"
 
     @property
     def known(self) -> dict[str, float]:

@@ -52,6 +52,11 @@ class Signal:
     unit: str = ""
     """Unit; "0 to 100" and "-100 to 100": share of the range of the joint; "": not known."""
 
+    @property
+    def told(self) -> str:
+        """Joint and kind, for messages."""
+        return f"{self.joint} ({self.kind})"
+
 
 @dataclass(frozen=True, eq=False)
 class Log:
@@ -224,6 +229,28 @@ def _places(
     )
 
 
+def _even(clock: Array) -> tuple[Array, list[str]]:
+    """A clock with even intervals if its own are nearly so, and what was done [s]."""
+    steps = np.diff(clock)
+    if clock.size <= 2 or evenly_spaced(clock):
+        return clock, []
+    middle = float(np.median(steps))
+    if not np.abs(steps - middle).max() < UNEVEN * middle:
+        return clock, []
+    ends = f"{1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} ms"
+    told = f"its intervals of {ends} are interpolated to even ones"
+    return np.linspace(clock[0], clock[-1], clock.size), [told]
+
+
+def _guessed(s: Signal, joint: Joint, stated: Mapping[str, str], by_order: Collection[str]) -> str:
+    """What was guessed of a signal, and the option that says otherwise."""
+    angle = s.unit in ("deg", PERCENT, RANGE) and not stated[s.joint]
+    other = "rad" if s.unit == "deg" else "deg"
+    told = [f"unit (--unit {s.joint}={other})"] * angle
+    told += [f"joint by its order (--column {joint.name}=NAME)"] * (s.joint in by_order)
+    return "; ".join(told)
+
+
 def _record(
     path: Path,
     log: Log,
@@ -233,26 +260,14 @@ def _record(
 ) -> tuple[Record, list[Assigned]]:
     """Record of a run at the times of its first measured position."""
     used = [s for s in log.signals if s.joint in place and _channel(s, place[s.joint])]
-    measured = [s for s in used if s.kind == "position"]
-    if not measured:
-        there = ", ".join(f"{s.joint} ({s.kind})" for s in log.signals)
-        raise DataError(
-            f"{path}: {log.name}: no measured position of a joint; there are "
-            f"{shortened(there, 300)}"
-        )
-    clock = measured[0].time
+    measured = next((s for s in used if s.kind == "position"), None)
+    if measured is None:
+        there = shortened(", ".join(s.told for s in log.signals), 300)
+        raise DataError(f"{path}: {log.name}: no measured position of a joint; there are {there}")
+    clock = measured.time
     begin = max(s.time[0] for s in used) - 1e-3 * float(np.median(np.diff(clock)))
-    clock = clock[clock >= begin]
-    notes = list(log.notes)
-    if clock.size > 2 and not evenly_spaced(clock):
-        steps = np.diff(clock)
-        middle = float(np.median(steps))
-        if np.abs(steps - middle).max() < UNEVEN * middle:
-            clock = np.linspace(clock[0], clock[-1], clock.size)
-            notes.append(
-                f"{log.name}: its intervals of {1e3 * steps.min():.3g} to {1e3 * steps.max():.3g} "
-                "ms are interpolated to even ones"
-            )
+    clock, told = _even(clock[clock >= begin])
+    notes = [*log.notes, *(f"{log.name}: {text}" for text in told)]
     columns: dict[str, dict[str, Array]] = {"goal": {}, "position": {}}
     sensors, rows = {}, []
     for s in log.signals:
@@ -264,20 +279,16 @@ def _record(
             columns[s.kind][channel] = values
             if s.kind == "position":
                 sensors[channel] = Sensor(name=channel, unit=joint.unit or "1")
-            angle = s.unit in ("deg", PERCENT, RANGE) and not stated[s.joint]
-            other = "rad" if s.unit == "deg" else "deg"
-            told = [f"unit (--unit {s.joint}={other})"] * angle
-            told += [f"joint by its order (--column {joint.name}=NAME)"] * (s.joint in by_order)
-            guessed = "; ".join(told)
+            guessed = _guessed(s, joint, stated, by_order)
         rate = (s.time.size - 1) / max(float(s.time[-1] - s.time[0]), 1e-9)
         rows.append(Assigned(f"{s.joint} {s.kind}", channel, unit, s.time.size, rate, guessed))
+    goals = columns["goal"]
+    units = {j.actuator: j.unit for j in place.values()}
     record = Record(
         name=log.name,
         time=clock - clock[0],
-        inputs=columns["goal"],
-        input_units={
-            j.actuator: j.unit for j in place.values() if j.unit and j.actuator in columns["goal"]
-        },
+        inputs=goals,
+        input_units={n: units[n] for n in goals if units.get(n)},
         outputs=columns["position"],
         sensors=sensors,
         conditions=log.conditions,

@@ -449,25 +449,23 @@ def _width(cells: Sequence[Sequence[str]]) -> int:
     return max(set(counts), key=counts.count) if counts else 0
 
 
+def _numbers_in(row: Sequence[str], decimal: str) -> float:
+    """Share of the filled cells that are numbers [1]."""
+    filled = [c for c in row if c.strip() not in MISSING]
+    return sum(read_number(c, decimal) is not None for c in filled) / max(len(filled), 1)
+
+
 def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
     """Index of the first row of numbers.
 
     It has at least half as many numbers as the later rows have, as do half of the next rows. There
     is no header below it, unless there is one above it, too.
     """
-
-    def share(row: Sequence[str]) -> float:
-        filled = [c for c in row if c.strip() not in MISSING]
-        numbers = sum(read_number(c, decimal) is not None for c in filled)
-        return numbers / len(filled) if filled and len(row) == width else 0.0
-
-    shares = [share(row) for row in cells]
-    header = [
-        s == 0.0 and len(row) == width and all(c.strip() for c in row)
-        for s, row in zip(shares, cells, strict=True)
-    ]
-    later = [s for s in shares[len(shares) // 2 :] if s > 0.0]
-    usual = sorted(later)[len(later) // 2] if later else 1.0
+    shares = [_numbers_in(row, decimal) if len(row) == width else 0.0 for row in cells]
+    whole = [len(row) == width and all(map(str.strip, row)) for row in cells]
+    header = [w and s == 0.0 for s, w in zip(shares, whole, strict=True)]
+    later = sorted(s for s in shares[len(shares) // 2 :] if s > 0.0) or [1.0]
+    usual = later[len(later) // 2]
     full = [i for i, s in enumerate(shares) if s > 0.5 * usual]
 
     def begins(i: int) -> bool:
@@ -475,7 +473,7 @@ def _first_row(cells: Sequence[Sequence[str]], width: int, decimal: str) -> int:
         later_header = any(header[i + 1 : i + 2]) and not any(header[max(i - 1, 0) : i])
         return not later_header and 2 * sum(s > 0.0 for s in below) >= len(below)
 
-    first = next(filter(begins, full), next(iter(full), len(cells)))
+    first = next(iter([*filter(begins, full), *full]), len(cells))
     # A row with a fault is not a header.
     while first > 1 and shares[first - 1] > 0.0:
         first -= 1

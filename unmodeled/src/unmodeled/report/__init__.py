@@ -429,6 +429,24 @@ def _place(result: Result, place: Place) -> str:
     )
 
 
+def _again(result: Result) -> str:
+    more = "more seconds"
+    if math.isfinite(result.needed):
+        more = f"{_seconds(result)} (--seconds, in Python seconds of Options)"
+    why = _untried(result).partition(",")[0] or "the search did not reach its end"
+    return f"Diagnose again with {more}: {why}."
+
+
+def _look_at(result: Result) -> Iterator[str]:
+    """Where to look for what remains."""
+    if useful := _useful(result):
+        p = useful[0]
+        law = f" that resembles the {p.resembles[0][0]}" if p.resembles else ""
+        yield f"Inspect {p.name}, and add an effect there{law} to the list."
+    elif (worst := _worst_cell(result, "explained")) is not None:
+        yield f"Look at {worst[1]}: what remains is largest there."
+
+
 def _next(result: Result) -> list[str]:
     """Actions, the most useful first."""
     first = ["Check units, signs and columns: a constant would be nearer to the records."]
@@ -451,19 +469,9 @@ def _next(result: Result) -> list[str]:
         steps.append(f"To tell {names}, record more motions like {record}: they differ most there.")
         steps += [f"{n.cause}: {n.remedy}" for n in group if n.remedy]
     if Reason.NOT_COMPLETE in result.reasons:
-        more = "more seconds"
-        if math.isfinite(result.needed):
-            more = f"{_seconds(result)} (--seconds, in Python seconds of Options)"
-        why = _untried(result).partition(",")[0] or "the search did not reach its end"
-        steps.append(f"Diagnose again with {more}: {why}.")
+        steps.append(_again(result))
     if any(c.material for c in result.channels):
-        worst = _worst_cell(result, "explained")
-        if useful := _useful(result):
-            p = useful[0]
-            law = f" that resembles the {p.resembles[0][0]}" if p.resembles else ""
-            steps.append(f"Inspect {p.name}, and add an effect there{law} to the list.")
-        elif worst is not None:
-            steps.append(f"Look at {worst[1]}: what remains is largest there.")
+        steps += _look_at(result)
     steps += [
         f"Measure {a} by itself: the records hardly separate it from {b}."
         for a, b in _hardly_separated(result)

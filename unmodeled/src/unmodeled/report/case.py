@@ -73,16 +73,7 @@ class Given:
         if origin is not None and is_file(source := Path(file_and_name(origin.name)[0])):
             copied, outside, more = _copy(source, folder / "model", kept)
             left += more
-        chosen_effects = lazy_import("unmodeled.library.defaults:chosen_effects")
-        default = {
-            e.name for e in chosen_effects(self.ready.model, self.ready.records, None, ())[0]
-        }
-        own = [e.name for e in self.tested if e.name not in default]
-        if own and not _has_effects(origin):
-            left.append(
-                f"the effects {', '.join(own)} are functions of a script: let a Python file define "
-                "them as effects, beside the model"
-            )
+        left += self._own_effects(origin)
         arguments = {} if origin is None else dict(origin.arguments)
         try:
             arguments = as_stored(arguments)
@@ -116,6 +107,17 @@ class Given:
         whole = json.dumps(stored, indent=1, ensure_ascii=False, allow_nan=False)
         write_text(folder / "case.json", whole + "\n")
         write_text(folder / "README.txt", text)
+
+    def _own_effects(self, origin: Origin | None) -> Iterator[str]:
+        """Tell the effects that only a script knows."""
+        chosen_effects = lazy_import("unmodeled.library.defaults:chosen_effects")
+        chosen = chosen_effects(self.ready.model, self.ready.records, None, ())[0]
+        own = [e.name for e in self.tested if e.name not in {c.name for c in chosen}]
+        if own and not _has_effects(origin):
+            yield (
+                f"the effects {', '.join(own)} are functions of a script: let a Python file define "
+                "them as effects, beside the model"
+            )
 
     def _record(self, folder: Path, k: int, kept: list[Path]) -> dict[str, Any]:
         """Write a record, and tell how it is read again."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,6 +19,8 @@ TURNS = {0.25: "a quarter of a turn", 0.5: "half a turn", 0.75: "three quarters 
 FURTHER = {"up": "higher", "down": "lower", "more": "more", "less": "less", "": "further"}
 #: What errors of a signal with a level take away.
 LOST = {"dead zone": "within it", "saturation": "beyond it"}
+#: Whose error is that of all times.
+CLOCK = "the clock of the sensors"
 #: What drifts during a record.
 DRIFTS = {"gain drift": "gain", "zero drift": "zero"}
 #: Largest half width of an interval with which a share of a turn is a word, and largest number of
@@ -48,7 +51,7 @@ def interval(x: NamedCause | ParameterValue) -> str:
     """Value with its unit and 95 % interval."""
     value = x.magnitude if isinstance(x, NamedCause) else x.value
     relative = isinstance(x, ParameterValue) and x.relative
-    return "{}{} ({} to {})".format(*_numbers(value, x.low, x.high, x.unit, relative=relative))
+    return _sized(value, x.low, x.high, x.unit, relative=relative)
 
 
 def tabulated(p: ParameterValue) -> str:
@@ -122,84 +125,126 @@ def clause(c: Change) -> str:
     return f"either {joined([first, *others], 'or')}"
 
 
+@dataclass(frozen=True)
+class _Words:
+    """Verbs of a change by its certainty and number, what it is about, and its size."""
+
+    be: str
+    has: str
+    acts: str
+    differs: str
+    place: str
+    what: str
+    size: str
+
+    @classmethod
+    def of(cls, c: Change) -> _Words:
+        about = c.subject
+        what = f"the {about.fault} of {about.component}" if about.of_signal else CLOCK
+        size = _sized(c.size, c.low, c.high, c.unit, relative=c.relative)
+        place = about.component if about.scope.channels else f"the {about.component}"
+        if not (_is_sure(c) and not c.low < 0.0 < c.high):
+            return cls("may be", "may have", "may act", "may differ", place, what, size)
+        several = bool(about.scope.channels)
+        be, has, acts = ("are", "have", "act") if several else ("is", "has", "acts")
+        return cls(be, has, acts, "differs", place, what, size)
+
+
+def _is_sure(c: Change) -> bool:
+    return c.tier not in ("supported", "unsure")
+
+
+def _sized(value: float, low: float, high: float, unit: str, *, relative: bool) -> str:
+    return "{}{} ({} to {})".format(*_numbers(value, low, high, unit, relative=relative))
+
+
 def _clause(c: Change) -> str:
-    of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative)
-    size = f"{of}{name} ({low} to {high})"
-    sure = c.tier not in ("supported", "unsure") and not c.low < 0.0 < c.high
-    be, has, differs, acts = ("is", "has", "differs", "acts")
-    if not sure:
-        be, has, differs, acts = ("may be", "may have", "may differ", "may act")
-    about = c.subject
-    fault, place = about.fault, about.component
-    what = f"the {fault} of {place}" if about.of_signal else "the clock of the sensors"
-    off = f"{what} {be} off by"
-    if about.scope.channels:
-        be, has, acts = ("are", "have", "act") if sure else (be, has, acts)
-    else:
-        place = f"the {place}"
+    about, words = c.subject, _Words.of(c)
     if len(c.records) == len(c.by_record) > 1:
-        return f"{what} {differs} between the records: {_by_record(c)}"
-    if about.of_signal and fault in LOST:
-        return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
-    if about.of_signal and fault == "lag":
-        return f"{place} {has} a lag of {size}"
-    if about.of_signal and fault in DRIFTS:
-        drifts = "drifts" if sure else "may drift"
-        return f"the {DRIFTS[fault]} of {about.component} {drifts} by {size}"
-    if about.of_signal and about.label:
-        return f"{place} {has} {about.label}, {size}"
+        return f"{words.what} {words.differs} between the records: {_by_record(c)}"
     if about.of_signal or about.kind == "clock":
-        if sign := sign_of_delay(c):
-            least, most = sorted((sign * c.low, sign * c.high))
-            of, name, low, high = _numbers(abs(c.size), least, most, c.unit, relative=False)
-            size = f"{of}{name} ({low} to {high})"
-            of_input = about.kind == "input"
-            way, back = ("earlier", "later") if of_input else ("late", "early")
-            way, back = (way, back) if sign > 0 else (back, way)
-            if least < 0.0 < most:  # the records do not tell the direction
-                size = f"{of}{name} {way}, between {low.removeprefix('-')}{name} {back} and "
-                size += f"{high}{name} {way}"
-                then = "act at another time than recorded" if of_input else "be late or early"
-                return f"{place} may {then} ({size})"
-            if of_input:
-                return f"{place} {acts} {size} {way} than recorded"
-            return f"{place} {be} {size} {way}"
-        return f"{off} {size}"
+        return _of_signal(c, words)
     told = c.title if c.kind == "parameter" else about.label
     thing = told[:1].lower() + told[1:] if told[:4].lower() == "the " else ""
-    if c.kind != "parameter" and not thing:
-        what, between = about.label, about.kind == "between"
-        if not what or not c.component:  # only its name tells what it is
-            return f"the effect {c.title} {has} a size of {size}"
-        if about.fault == "dead zone":
-            width = size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
-            if between:
-                return (
-                    f"there {be} {what} of \N{PLUS-MINUS SIGN}{width} {c.component}, where the "
-                    f"stiffness of {size} does not act"
-                )
-            thing = c.component if len(c.component) == 1 else _with_article(c.component)
-            zone = f"{thing} {has} {what} of \N{PLUS-MINUS SIGN}{width}"
-            return f"{zone}, where the stiffness of {size} does not act"
+    if c.kind == "parameter" or thing:
+        return _of_parameter(c, words, thing or f"the parameter {c.title}")
+    return _of_law(c, words)
+
+
+def _of_signal(c: Change, words: _Words) -> str:
+    """An error of a signal, or of the clock."""
+    about, place, size = c.subject, words.place, words.size
+    fault = about.fault if about.of_signal else ""
+    if fault in LOST:
+        return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
+    if fault == "lag":
+        return f"{place} {words.has} a lag of {size}"
+    if fault in DRIFTS:
+        drifts = "drifts" if words.differs == "differs" else "may drift"
+        return f"the {DRIFTS[fault]} of {about.component} {drifts} by {size}"
+    if about.of_signal and about.label:
+        return f"{place} {words.has} {about.label}, {size}"
+    if sign := sign_of_delay(c):
+        return _delayed(c, words, sign)
+    be = "may be" if words.be.startswith("may") else "is"
+    return f"{words.what} {be} off by {size}"
+
+
+def _delayed(c: Change, words: _Words, sign: float) -> str:
+    """What is late or early, and by how much."""
+    of_input = c.subject.kind == "input"
+    least, most = sorted((sign * c.low, sign * c.high))
+    of, name, low, high = _numbers(abs(c.size), least, most, c.unit, relative=False)
+    way, back = ("earlier", "later") if of_input else ("late", "early")
+    way, back = (way, back) if sign > 0 else (back, way)
+    if least < 0.0 < most:  # the records do not tell the direction
+        size = f"{of}{name} {way}, between {low.removeprefix('-')}{name} {back} and "
+        size += f"{high}{name} {way}"
+        then = "act at another time than recorded" if of_input else "be late or early"
+        return f"{words.place} may {then} ({size})"
+    size = f"{of}{name} ({low} to {high})"
+    if of_input:
+        return f"{words.place} {words.acts} {size} {way} than recorded"
+    return f"{words.place} {words.be} {size} {way}"
+
+
+def _of_law(c: Change, words: _Words) -> str:
+    """A law that acts on a part, or between two parts."""
+    what, size = c.subject.label, words.size
+    if not what or not c.component:  # only its name tells what it is
+        return f"the effect {c.title} {words.has} a size of {size}"
+    between, letter = c.subject.kind == "between", len(c.component) == 1
+    if c.subject.fault == "dead zone":
+        what += " of \N{PLUS-MINUS SIGN}"
+        what += size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
+        rest = f"where the stiffness of {size} does not act"
         if between:
-            return f"{what} of {size} {acts} {c.component}"
-        if len(c.component) == 1:  # a letter may stand for anything
-            return f"{what} of {size} {acts} on {c.component}"
-        return f"{_with_article(c.component)} {has} {what} of {size}"
-    thing = thing or f"the parameter {c.title}"
+            return f"there {words.be} {what} {c.component}, {rest}"
+        thing = c.component if letter else _with_article(c.component)
+        return f"{thing} {words.has} {what}, {rest}"
+    if between:
+        return f"{what} of {size} {words.acts} {c.component}"
+    if letter:  # it may stand for anything
+        return f"{what} of {size} {words.acts} on {c.component}"
+    return f"{_with_article(c.component)} {words.has} {what} of {size}"
+
+
+def _of_parameter(c: Change, words: _Words, thing: str) -> str:
+    of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative)
     if c.user_unit is not None and c.user_unit.unit == "turn":
         turns, way, _ = turns_of(c)
         there = FURTHER.get(way, way if way.partition(" ")[0].endswith("er") else f"further {way}")
-        return f"{thing} {be} {turns} {there} than in the model ({of}{name}, {low} to {high})"
+        return f"{thing} {words.be} {turns} {there} than in the model ({of}{name}, {low} to {high})"
     if c.tabulated == 0.0 or c.relative:
         of, name, low, high = _numbers(c.size, c.low, c.high, c.unit, relative=c.relative, sign="+")
-        other = "the other records" if about.scope.records else "the model"
-        return f"{thing} {differs} from {other} by {of}{name} ({low} to {high}{_also(c)})"
+        other = "the other records" if c.subject.scope.records else "the model"
+        size = f"{of}{name} ({low} to {high}{_also(c)})"
+        return f"{thing} {words.differs} from {other} by {size}"
     ends = (c.tabulated + c.low, c.tabulated + c.high)
     of, name, low, high = _numbers(c.tabulated + c.size, *ends, c.unit, relative=False)
     factor, _ = scale(*ends, c.unit)
     before = number(factor * c.tabulated)
-    return f"{thing} {be} {of}{name} ({low} to {high}{_also(c)}) instead of {before}"
+    return f"{thing} {words.be} {of}{name} ({low} to {high}{_also(c)}) instead of {before}"
 
 
 def _lost(c: Change, fault: str, place: str, share: str) -> str:

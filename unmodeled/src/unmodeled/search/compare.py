@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -633,25 +633,19 @@ def _units(rows: Sequence[Compared]) -> Iterator[Hint]:
             groups.setdefault((relations.pop(), where), []).append(wrong)
     for ((zero, factor), where), channels in groups.items():
         wrong = [r for g in channels for r in g]
-        names = tuple(g[0].channel for g in channels)
-        size = f"{float(np.median([r.factor for r in wrong])):.4g} times the model"
-        size = f"on another scale of temperature (zero at {zero:.5g})" if zero else size
-        yield Hint(
-            "scale" if zero else "sign" if factor < 0.0 else "unit",
-            names,
-            f"{', '.join(names)} is {size} in "
-            f"{'record ' + ', '.join(where) if where else 'all records'}: "
-            f"{'has it the other direction' if factor < 0.0 else 'is its unit another one'}?"
-            f"{_reversed(wrong) if factor < 0.0 else ''}",
-            all(abs(r.correlation) > CERTAIN for r in wrong),
-        )
+        yield _unit_hint(zero, factor, where, wrong)
 
 
-def _reversed(wrong: Sequence[Compared]) -> str:
-    """The option that reverses a channel of a camera; "" for other channels."""
-    names = [n for n, unit in dict.fromkeys((r.channel, r.unit) for r in wrong) if unit == "m"]
-    options = ",".join(f"{n}=-LENGTH" for n in names)
-    return f" (mirrored picture: --scale {options} with the length of a pixel)" if names else ""
+def _unit_hint(zero: float, factor: float, where: Sequence[str], wrong: Sequence[Compared]) -> Hint:
+    names = tuple(dict.fromkeys(r.channel for r in wrong))
+    size = f"{float(np.median([r.factor for r in wrong])):.4g} times the model"
+    size = f"on another scale of temperature (zero at {zero:.5g})" if zero else size
+    turned = factor < 0.0
+    question = "has it the other direction?" if turned else "is its unit another one?"
+    place = f"record {', '.join(where)}" if where else "all records"
+    sure = all(abs(r.correlation) > CERTAIN for r in wrong)
+    kind: Literal["scale", "sign", "unit"] = "scale" if zero else "sign" if turned else "unit"
+    return Hint(kind, names, f"{', '.join(names)} is {size} in {place}: {question}", sure)
 
 
 def _left(record: Record, outputs: Mapping[str, Array]) -> float:
@@ -837,35 +831,35 @@ def _delays(rows: Sequence[Compared]) -> list[Hint]:
     shift the records would spoil them.
     """
     late = [r for r in rows if math.isfinite(r.delay)]
-    mean = float(np.mean([r.delay for r in late])) if late else 0.0
-    apart = float(np.ptp([r.delay for r in late])) if late else 0.0
-    if (
-        len(rows) < 2
-        or not late
-        or apart > DELAY_SPREAD * abs(mean)
-        or max(r.delayed for r in late) > LEAVES_CERTAIN
-    ):
+    if len(rows) < 2 or not late:
+        return []
+    delays = [r.delay for r in late]
+    mean = float(np.mean(delays))
+    one = float(np.ptp(delays)) <= DELAY_SPREAD * abs(mean)
+    # The others follow the model.
+    least = min(1.0, DELAY_SPREAD * min(r.rms / r.motion for r in late))
+    on_time = [r for r in rows if r not in late and r.rms <= least * r.motion]
+    follow = len(on_time) + len(late) == len(rows)
+    if not (one and follow) or max(r.delayed for r in late) > LEAVES_CERTAIN:
         return []
     factor, unit = readable_unit(mean, "s")
     text = f"{abs(factor * mean):.3g} {unit} {'late' if mean > 0.0 else 'early'}"
     names = tuple(dict.fromkeys(r.channel for r in late))
-    if len(late) == len(rows):
-        return [
-            Hint("delay", names, f"every channel is {text}: is the input on the same clock?"),
-        ]
-    # The others follow the model.
-    least = min(1.0, DELAY_SPREAD * min(o.rms / o.motion for o in late))
-    on_time = [r for r in rows if r not in late and r.rms <= least * r.motion]
-    if len(on_time) + len(late) < len(rows):
-        return []
+    if not on_time:
+        text = f"every channel is {text}: is the input on the same clock?"
+        return [Hint("delay", names, text)]
+    return [
+        Hint("delay", names, f"{', '.join(names)} is {text} {_where_late(late, on_time, mean)}")
+    ]
+
+
+def _where_late(late: Sequence[Compared], on_time: Sequence[Compared], mean: float) -> str:
     where = dict.fromkeys(r.record for r in late)
-    if set(where) == {r.record for r in rows}:
+    if {r.record for r in on_time} <= {*where}:
         others = ", ".join(dict.fromkeys(r.channel for r in on_time))
         cause = "does its sensor lag, or its clock?" if mean > 0.0 else "is its clock ahead?"
-        told = f"in every record, and {others} is not: {cause}"
-    else:
-        told = (
-            f"in record {', '.join(where)}, and not in the others: was this sensor or its clock "
-            "different there?"
-        )
-    return [Hint("delay", names, f"{', '.join(names)} is {text} {told}")]
+        return f"in every record, and {others} is not: {cause}"
+    return (
+        f"in record {', '.join(where)}, and not in the others: was this sensor or its clock "
+        "different there?"
+    )

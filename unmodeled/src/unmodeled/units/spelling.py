@@ -159,23 +159,28 @@ def split_column(heading: str) -> tuple[str, str]:
         name, unit = (brackets[1] or "").strip(), brackets[2].strip()
         if text.endswith(("]", ">")):
             return name, spelled_unit(unit) or unit
-        known = spelled_unit(unit)
-        # "Force (L)" is a force at the left and "Force (A)" one of sensor A, but "Time (h)" is in
-        # hours and "I (A)" in amperes.
-        letter = unit in ("L", "l", "h", "C") or (unit in ("A", "T") and _measured(name))
-        if letter and not (known and _fits(name, known)):
-            known = None
+        known = _unit_in_brackets(name, unit)
         return (name, known) if name and known else (text, "")
     over = _OVER.fullmatch(text)
     if over is not None and (unit := spelled_unit(over[2])):
         return over[1].strip(), unit
     bare = _BARE.fullmatch(text)
-    if bare is not None:
-        name, known = bare[1].strip(), spelled_unit(bare[3])
+    if bare is not None and (known := spelled_unit(bare[3])):
         clear = bare[2].isspace() and (bare[3] in _CLEAR.split() or " " in bare[3])
-        if known and (clear or _fits(name, known)):
-            return name, known
+        if clear or _fits(bare[1].strip(), known):
+            return bare[1].strip(), known
     return text, ""
+
+
+def _unit_in_brackets(name: str, unit: str) -> str | None:
+    """The unit that a text in round brackets is.
+
+    "Force (L)" is a force at the left and "Force (A)" one of sensor A, but "Time (h)" is in hours
+    and "I (A)" in amperes.
+    """
+    known = spelled_unit(unit)
+    letter = unit in ("L", "l", "h", "C") or (unit in ("A", "T") and _measured(name))
+    return None if letter and not (known and _fits(name, known)) else known
 
 
 def _measured(name: str) -> str | None:
