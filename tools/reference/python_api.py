@@ -16,6 +16,7 @@ MODULES = (
     "unmodeled.data",
     "unmodeled.fit",
     "unmodeled.models",
+    "unmodeled.ode",
     "unmodeled",
     "unmodeled.search.result",
     "unmodeled.library",

@@ -20,6 +20,7 @@ from feltmb.live.page import MODULE
 from unmodeled import experiment, fit
 from unmodeled.arguments import AnyNumber, checked
 from unmodeled.errors import Error, InvalidParameter, shown
+from unmodeled.ode import Integrator
 
 MODULES = [
     "feltmb",
@@ -29,6 +30,7 @@ MODULES = [
     "feltmb.fiber",
     "unmodeled.fit",
     "unmodeled.models",
+    "unmodeled.ode",
     "unmodeled",
     "unmodeled.search.result",
     "unmodeled.experiment",
@@ -128,6 +130,12 @@ DRY = unmodeled.Effect(
     scale=0.05,
     rate=lambda _t, x, _u, p, size, _shape: {"v": -size * np.tanh(x.v / 5e-3) / p.m},
 )
+PATHS = {
+    "time": np.linspace(0.0, 1.0, 11),
+    "parameters": np.array([[90.0, 2.0]]),
+    "starts": np.array([[0.1, 0.0]]),
+    "inputs": {"f": np.zeros(11)},
+}
 ODE = {
     "states": [
         unmodeled.State(name="q", unit="m", scale=0.01),
@@ -181,6 +189,11 @@ FUNCTION = {
 @cache
 def oscillator():
     return unmodeled.Equations(**ODE)
+
+
+@cache
+def integrator():
+    return Integrator(ODE["rates"], states=["q", "v"], parameters=["k", "m"], inputs=["f"])
 
 
 @cache
@@ -1040,6 +1053,12 @@ CALLS = {
         "notes": (),
     },
     "unmodeled.models.evenly_spaced": lambda: {"time": 0.1 * np.arange(9)},
+    "unmodeled.ode.Derivatives": None,  # a result
+    "unmodeled.ode.Integrator": lambda: {
+        **{"rates": ODE["rates"], "states": ["q", "v"], "parameters": ["k", "m"], "inputs": ["f"]}
+    },
+    "unmodeled.ode.Integrator.run": lambda: (integrator(), dict(PATHS)),
+    "unmodeled.ode.Integrator.derivatives": lambda: (integrator(), dict(PATHS)),
     "unmodeled.models.running": lambda: {"model": unmodeled.Simulator(**SIMULATOR), "workers": 1},
     "unmodeled.models.Sensitivity": lambda: {
         name: np.zeros((1, 2)) for name in inspect.signature(unmodeled.fit.Sensitivity).parameters

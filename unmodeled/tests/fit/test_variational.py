@@ -101,7 +101,8 @@ def both(monkeypatch: pytest.MonkeyPatch, model: Equations, requests: list) -> d
     """Differences between the derivatives of the model and differences with small steps."""
     model.difference_step = 1e-4
     with monkeypatch.context() as patch:
-        patch.setattr("unmodeled.models.model.difference_sensitivities", None)  # it is not needed
+        for place in ("models.model", "ode.batch"):  # it is not needed
+            patch.setattr(f"unmodeled.{place}.difference_sensitivities", None)
         ours = observed_sensitivities(model, requests)
     with monkeypatch.context() as patch:
         patch.setattr(Equations, "sensitivities", difference_sensitivities)

@@ -168,17 +168,7 @@ def _inertias(
     shares = shares[np.isfinite(shares) & (shares != 0.0)]
     if not (shares.size and shares[0] > 0.0 and _alike(shares, shares[0])):
         return None
-    heavy = {m: [pair.pulls(slopes.doubled(m), way) for way in pair.ways] for m in masses}
-    names: list[str | None] = []
-    for k, body in enumerate((pair.first, pair.second)):
-        halved = [
-            m
-            for m, others in heavy.items()
-            if same_unit(masses[m], "kg m^2" if same_unit(body.travel_unit, "rad") else "kg")
-            and all(_alike(2.0 * o[k], v[k]) for o, v in zip(others, pulls, strict=True))
-        ]
-        names.append(halved[0] if len(halved) == 1 else None)
-    one, other = names
+    one, other = _names(pair, slopes, masses, pulls)
     value = {m: float(slopes.parameters[m][0]) for m in masses}
     share = float(shares[0])  # of the inertia of the first in that of the second
     if one and other and _alike(value[one], share * value[other]):
@@ -187,6 +177,24 @@ def _inertias(
         return _rounded(share * value[other]), other
     one = None if other else one
     return one, _rounded((value[one] if one else 1.0) / share)
+
+
+def _names(
+    pair: _Pair, slopes: Slopes, masses: Mapping[str, str], pulls: Sequence[tuple[Array, Array]]
+) -> list[str | None]:
+    """The parameter that is the inertia of each body: twice as large, it halves the pulls."""
+    heavy = {m: [pair.pulls(slopes.doubled(m), way) for way in pair.ways] for m in masses}
+    names: list[str | None] = []
+    for k, body in enumerate((pair.first, pair.second)):
+        unit = "kg m^2" if same_unit(body.travel_unit, "rad") else "kg"
+        halved = [
+            m
+            for m, others in heavy.items()
+            if same_unit(masses[m], unit)
+            and all(_alike(2.0 * o[k], v[k]) for o, v in zip(others, pulls, strict=True))
+        ]
+        names.append(halved[0] if len(halved) == 1 else None)
+    return names
 
 
 def _ratio(pair: _Pair, tabulated: Slopes, varied: Slopes) -> tuple[float, bool]:

@@ -512,13 +512,7 @@ class Equations(Model):
             return super().sensitivities(requests)
         self._check_inputs([r.record for r in requests])
         with np.errstate(all="ignore"):
-            found = sensitivities(self, self._system, self._traces, requests)
-        jump = [i for i, s in enumerate(found) if s is None]
-        if jump:
-            rest = super().sensitivities([requests[i] for i in jump])
-            for i, s in zip(jump, rest, strict=True):
-                found[i] = s
-        return [s for s in found if s is not None]
+            return sensitivities(self, self._system, self._traces, requests)
 
     def _simulated(self, batches: Sequence[Batch]) -> list[Array]:
         self._check_batches(batches)
@@ -767,6 +761,39 @@ class Trial:
     coupled: Found = field(default_factory=Found)
 
 
+class _Points:
+    """Rates at random points of states, inputs and parameters."""
+
+    def __init__(
+        self,
+        rates: Rates,
+        states: Sequence[State],
+        parameters: Sequence[Parameter],
+        inputs: Iterable[str] | None,
+    ):
+        random = np.random.default_rng(0)
+
+        def draw() -> Array:
+            return random.uniform(0.5, 1.5, POINTS)
+
+        self.rates, self.names = rates, [s.name for s in states]
+        self.x = {s.name: s.start + s.scale * draw() for s in states}
+        self.p = {q.name: q.value * (1.0 + 0.02 * (draw() - 1.0)) for q in parameters}
+        self.u = _Read(draw)
+        if inputs is not None:
+            self.u._values.update({n: draw() for n in inputs})
+
+    def at(self, x: Values, p: Values) -> Values:
+        """Rates at all points, by state."""
+        rows = []
+        with np.errstate(all="ignore"):
+            for self.u.place in range(POINTS):
+                named = (Named({n: v[self.u.place] for n, v in of.items()}) for of in (x, p))
+                found = self.rates(np.float64(0.0), next(named), self.u, next(named))
+                rows.append([float(v) for v in found])
+        return dict(zip(self.names, np.array(rows).T, strict=True))
+
+
 def trial(
     rates: Rates,
     states: Sequence[State],
@@ -776,80 +803,38 @@ def trial(
     """Evaluate the rates at random points; rates that fail there tell nothing.
 
     ``inputs``: their names; None: all that the rates read.
-
-    Raises
-    ------
-    InvalidParameter
-        The number of rates is not that of the states.
     """
-    random = np.random.default_rng(0)
-
-    def draw() -> Array:
-        return random.uniform(0.5, 1.5, POINTS)
-
-    x = {s.name: s.start + s.scale * draw() for s in states}
-    p = {q.name: q.value * (1.0 + 0.02 * (draw() - 1.0)) for q in parameters}
-    u = _Read(draw)
-    if inputs is not None:
-        u._values.update({n: draw() for n in inputs})
-
-    def at(values: Values, x: Values = x) -> list[Array]:
-        """Rates at all points."""
-        rows = []
-        with np.errstate(all="ignore"):
-            for u.place in range(POINTS):
-                named = (Named({n: v[u.place] for n, v in of.items()}) for of in (x, values))
-                found = rates(np.float64(0.0), next(named), u, next(named))
-                rows.append([float(v) for v in found])
-        return list(np.array(rows).T)
-
-    heavy: dict[str, list[Array]] = {}
+    points = _Points(rates, states, parameters, inputs)
+    masses = {q.name: q.unit for q in parameters if _massive(q)}
+    x, p = points.x, points.p
     try:
-        base = at(p)
-        if len(base) != len(states):
-            raise ValueError  # as below
-        heavy = {q.name: at({**p, q.name: 2.0 * p[q.name]}) for q in parameters if _massive(q)}
-    except (
-        Exception,
-        NotTraceable,
-    ):  # it needs other values; a simulation tells
-        return Trial(tuple(values_of(u)))
-    if len(base) != len(states):
-        raise InvalidParameter(
-            f"the rates return {len(base)} values, expected one for each state: "
-            f"{', '.join(s.name for s in states)}"
-        )
+        base = points.at(x, p)
+        heavy = {m: points.at(x, {**p, m: 2.0 * p[m]}) for m in masses}
+    except (Exception, NotTraceable):  # it needs other values; a simulation tells
+        return Trial(tuple(values_of(points.u)))
 
-    def coordinate(position: State | None, i: int) -> Coordinate:
-        inertias = [
-            name
-            for name, other in heavy.items()
-            if np.allclose(2.0 * other[i], base[i], atol=0.0) and base[i].any()
+    def coordinate(position: State | None, speed: State) -> Coordinate:
+        rate = base[speed.name]
+        halved = [
+            m
+            for m, other in heavy.items()
+            if np.allclose(2.0 * other[speed.name], rate, atol=0.0) and rate.any()
         ]
-        return _coordinate(position, states[i], inertias)
+        return _coordinate(position, speed, halved)
 
     found = []
-    for q, rate in zip(states, base, strict=False):
-        speeds = [i for i, v in enumerate(states) if v is not q and np.array_equal(rate, x[v.name])]
-        if len(speeds) == 1:
-            found.append(coordinate(q, speeds[0]))
+    for q in states:
+        speeds = [v for v in states if v is not q and np.array_equal(base[q.name], x[v.name])]
+        found += [coordinate(q, v) for v in speeds if len(speeds) == 1]
     used = {n for c in found for n in (c.position, c.speed)}
-    found += [
-        coordinate(None, i)
-        for i, v in enumerate(states)
-        if v.name not in used and _travel_unit(v.unit)
-    ]
-    masses = {q.name: q.unit for q in parameters if _massive(q)}
-
-    def by_name(x: Values, p: Values) -> Values:
-        return dict(zip((s.name for s in states), at(p, x), strict=True))
-
+    free = [v for v in states if v.name not in used and _travel_unit(v.unit)]
+    found += [coordinate(None, v) for v in free]
     try:
-        tabulated = Slopes(by_name, x, {q.name: np.full(POINTS, q.value) for q in parameters})
-        coupled = couplings_in(found, tabulated, Slopes(by_name, x, p), masses)
+        tabulated = Slopes(points.at, x, {q.name: np.full(POINTS, q.value) for q in parameters})
+        coupled = couplings_in(found, tabulated, Slopes(points.at, x, p), masses)
     except (Exception, NotTraceable):  # as above
         coupled = Found()
-    return Trial(tuple(values_of(u)), tuple(found), coupled)
+    return Trial(tuple(values_of(points.u)), tuple(found), coupled)
 
 
 def _massive(parameter: Parameter) -> bool:

@@ -333,56 +333,60 @@ def _run_jobs(
 
 def sensitivities(
     model: Model, system: System, traces: Traces, requests: Sequence[SensitivityRequest]
-) -> list[Sensitivity | None]:
+) -> list[Sensitivity]:
     """Outputs and derivatives, one result per request.
 
-    None: the rates jump or cannot be traced, so that the request needs differences of simulations.
+    Those of rates that jump or cannot be traced are differences of simulations.
     """
-    found: list[Sensitivity | None] = [None] * len(requests)
     if not requests:
         return []
     batches = [(r.record, r.jobs()) for r in requests]
     _compare(system, traces, batches, [t for r in requests for t in (*r.included, *r.candidates)])
-    groups: dict[ProgramKind, list[int]] = {}
-    left: dict[int, list[int]] = {}
     tracks = _Tracks(system, traces)
+    groups: dict[ProgramKind, list[int]] = {}
     inner: dict[int, SensitivityRequest] = {}
+    found: dict[int, Sensitivity] = {}
     for i, request in enumerate(requests):
-        forms = tuple(form_of(system, traces, t) for t in request.included)
-        if untraced_reason(system, traces, forms) is not None:
-            continue
-        tried = [form_of(system, traces, t) for t in request.candidates]
-        good = [k for k, f in enumerate(tried) if untraced_reason(system, traces, (f,)) is None]
-        if len(good) < len(tried):
-            left[i] = [k for k in range(len(tried)) if k not in good]
-        turned = tuple(c.effect for c in request.shape_changes)
-        by_numbers = all(forms[k].numbers for k in turned)
-        inner[i] = replace(
-            request,
-            candidates=tuple(request.candidates[k] for k in good),
-            shape_changes=request.shape_changes if by_numbers else (),
-        )
-        kind = _kind(
-            system,
-            included=forms,
-            derivatives=True,
-            candidates=tuple(tried[k] for k in good),
-            by_theta=request.parameters_of(model),
-            by_starts=request.by_starts,
-            changes=tuple(tracks.names(c) for c in request.input_changes),
-            turned=turned if by_numbers else (),
-        )
-        groups.setdefault(kind, []).append(i)
+        if traceable := _traceable(model, system, traces, tracks, request):
+            kind, inner[i] = traceable
+            groups.setdefault(kind, []).append(i)
     for kind, group in groups.items():
-        own = [inner[i] for i in group]
-        runs = _run_requests(system, traces, kind, own, tracks)
+        runs = _run_requests(system, traces, kind, [inner[i] for i in group], tracks)
         for k, i in enumerate(group):
             found[i] = sensitivity_of(model, inner[i], runs.outputs[k], runs.derivatives[k])
-    _test(model, system, traces, requests, found)
-    for i, s in enumerate(found):
-        if s is not None:
-            found[i] = _completed(model, requests[i], inner[i], left.get(i, []), s)
-    return found
+    for i in _jumping(model, system, traces, requests, found):
+        del found[i]
+    jumps = [i for i in range(len(requests)) if i not in found]
+    rest = difference_sensitivities(model, [requests[i] for i in jumps]) if jumps else []
+    found = {i: _completed(model, requests[i], inner[i], s) for i, s in found.items()}
+    found |= dict(zip(jumps, rest, strict=True))
+    return [found[i] for i in range(len(requests))]
+
+
+def _traceable(
+    model: Model, system: System, traces: Traces, tracks: _Tracks, request: SensitivityRequest
+) -> tuple[ProgramKind, SensitivityRequest] | None:
+    """The part of a request that is a program, and its kind; None: its rates are not traced."""
+    forms = tuple(form_of(system, traces, t) for t in request.included)
+    if untraced_reason(system, traces, forms) is not None:
+        return None
+    tried = [(t, form_of(system, traces, t)) for t in request.candidates]
+    good = [(t, f) for t, f in tried if untraced_reason(system, traces, (f,)) is None]
+    changes = request.shape_changes
+    if not all(forms[c.effect].numbers for c in changes):
+        changes = ()
+    kind = _kind(
+        system,
+        included=forms,
+        derivatives=True,
+        candidates=tuple(f for _, f in good),
+        by_theta=request.parameters_of(model),
+        by_starts=request.by_starts,
+        changes=tuple(tracks.names(c) for c in request.input_changes),
+        turned=tuple(c.effect for c in changes),
+    )
+    traced = tuple(t for t, _ in good)
+    return kind, replace(request, candidates=traced, shape_changes=changes)
 
 
 def _run_requests(
@@ -424,11 +428,12 @@ def _completed(
     model: Model,
     request: SensitivityRequest,
     inner: SensitivityRequest,
-    left: Sequence[int],
     s: Sensitivity,
 ) -> Sensitivity:
     """Derivatives with those that are differences of simulations."""
-    if left:
+    if len(inner.candidates) < len(request.candidates):
+        traced = {id(t) for t in inner.candidates}
+        left = [k for k, t in enumerate(request.candidates) if id(t) not in traced]
         fewer = replace(
             request,
             candidates=tuple(request.candidates[k] for k in left),
@@ -439,7 +444,7 @@ def _completed(
         )
         (other,) = difference_sensitivities(model, [fewer])
         columns = np.zeros((*s.outputs.shape, len(request.candidates)))
-        columns[..., list(left)] = other.d_candidates
+        columns[..., left] = other.d_candidates
         columns[..., [k for k in range(columns.shape[-1]) if k not in left]] = s.d_candidates
         s = replace(s, d_candidates=columns)
     if len(inner.shape_changes) < len(request.shape_changes):
@@ -450,32 +455,32 @@ def _completed(
 # ---------------------------------------------------------------------------------------- jumps
 
 
-def _test(
+def _jumping(
     model: Model,
     system: System,
     traces: Traces,
     requests: Sequence[SensitivityRequest],
-    found: list[Sensitivity | None],
-) -> None:
-    """Remove derivatives that miss a jump of a rate, such as that of np.sign.
+    found: Mapping[int, Sensitivity],
+) -> list[int]:
+    """Requests whose derivatives miss a jump of a rate, such as that of np.sign.
 
     The difference of two more simulations, with changed parameters, magnitudes and start states,
     is compared with its prediction.
     """
     tested = []
-    for i, request in enumerate(requests):
-        forms = [form_of(system, traces, t) for t in request.included]
+    for i in sorted(found):
+        forms = [form_of(system, traces, t) for t in requests[i].included]
         parts = [own_trace(system, traces), *(traces.effects[f.effect, f.text] for f in forms)]
-        if found[i] is not None and any(isinstance(t, Traced) and t.jumps for t in parts):
+        if any(isinstance(t, Traced) and t.jumps for t in parts):
             tested.append(i)
     moves = [_moves(model, requests[i]) for i in tested]
     batches = [(requests[i].record, jobs) for i, (jobs, _) in zip(tested, moves, strict=True)]
     runs = _simulated(system, traces, batches)
-    for i, (two, _), (_, changes) in zip(tested, runs, moves, strict=True):
-        s = found[i]
-        assert s is not None
-        if not _predicts(system, s, two, changes):
-            found[i] = None
+    return [
+        i
+        for i, (two, _), (_, changes) in zip(tested, runs, moves, strict=True)
+        if not _predicts(system, found[i], two, changes)
+    ]
 
 
 def _moves(model: Model, request: SensitivityRequest) -> tuple[Jobs, Array]:

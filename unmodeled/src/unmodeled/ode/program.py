@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -152,41 +153,44 @@ class _Builder:
 
     def __init__(self, system: System, traces: Traces, kind: ProgramKind):
         self.system, self.traces, self.kind = system, traces, kind
-        base, forms = len(system.states), (*kind.included, *kind.candidates)
-        hidden = [len(f.effect.hidden) for f in forms]
-        self.smooth = base + sum(hidden[: len(kind.included)])
-        self.blocks = (self.smooth, *hidden[len(kind.included) :])
-        inputs, each = len(system.inputs), 2 if kind.between else 1
-        signals = each * (inputs + sum(map(len, kind.changes)))
-        constants = len(kind.parameters) + len(kind.included) + sum(f.numbers for f in forms)
-        constants += sum(kind.included[k].numbers for k in kind.turned)
-        ports = len(system.ports) if kind.forces else 0
-        a = self.assembly = _Assembly(sum(self.blocks), signals + ports, constants)
-        jobs, waves = iter(a.jobs), iter(a.signals)
-        self.p = {n: next(jobs) for n in kind.parameters}
-        self.sizes = [next(jobs) for _ in kind.included]
-        self.shapes = [[next(jobs) for _ in range(f.numbers)] for f in forms]
-        self.turns = [[next(jobs) for _ in range(kind.included[k].numbers)] for k in kind.turned]
-        self.bends: dict[str, int] = {}
-        self.u = {n: self._held(n, waves, self.bends) for n in system.inputs}
-        self.changes = [{n: self._held(n, waves, {}) for n in names} for names in kind.changes]
-        self.forces = list(waves)
-        first, self.rows = base, []
+        forms, count = (*kind.included, *kind.candidates), len(kind.included)
+        self.base_rows = {n: i for i, n in enumerate(system.names)}
+        self.rows, first = [], len(system.states)
         for form in forms:
             names = [h.name for h in form.effect.hidden]
             self.rows.append({n: first + i for i, n in enumerate(names)})
             first += len(names)
-        self.base_rows = {n: i for i, n in enumerate(system.names)}
-        self.rate: list[list[int]] = [[] for _ in a.states]
+        hidden = [len(rows) for rows in self.rows]
+        self.smooth = len(system.states) + sum(hidden[:count])
+        self.blocks = (self.smooth, *hidden[count:])
+        self._take_registers([f.numbers for f in forms])
+        self.rate: list[list[int]] = [[] for _ in self.assembly.states]
         self.by_state: dict[tuple[int, int], list[int]] = {}
         self.by_column: dict[tuple[int, int], list[int]] = {}
-        starts = self.smooth if kind.by_starts else 0
         self.by_size = len(kind.by_theta)
-        self.by_candidate = self.by_size + len(kind.included) + starts
+        self.by_candidate = self.by_size + count + self.smooth * kind.by_starts
         self.by_change = self.by_candidate + len(kind.candidates)
         self.by_turn = self.by_change + len(kind.changes)
-        columns = self.by_turn + len(kind.turned)
-        self.columns = columns if kind.derivatives else 0
+        self.columns = (self.by_turn + len(kind.turned)) * kind.derivatives
+
+    def _take_registers(self, numbers: Sequence[int]) -> None:
+        """Give registers to constants of jobs and to signals; ``numbers``: of each shape."""
+        system, kind = self.system, self.kind
+        turned = [numbers[k] for k in kind.turned]
+        each = 2 if kind.between else 1
+        signals = each * (len(system.inputs) + sum(map(len, kind.changes)))
+        ports = len(system.ports) * kind.forces
+        constants = len(kind.parameters) + len(kind.included) + sum(numbers) + sum(turned)
+        a = self.assembly = _Assembly(sum(self.blocks), signals + ports, constants)
+        jobs, waves = iter(a.jobs), iter(a.signals)
+        self.p = dict(zip(kind.parameters, jobs, strict=False))
+        self.sizes = [next(jobs) for _ in kind.included]
+        self.shapes = [list(itertools.islice(jobs, n)) for n in numbers]
+        self.turns = [list(itertools.islice(jobs, n)) for n in turned]
+        self.bends: dict[str, int] = {}
+        self.u = {n: self._held(n, waves, self.bends) for n in system.inputs}
+        self.changes = [{n: self._held(n, waves, {}) for n in names} for names in kind.changes]
+        self.forces = list(waves)
 
     def _held(self, name: str, waves: Iterator[int], bends: dict[str, int]) -> int:
         """Register of an input between samples."""

@@ -195,23 +195,31 @@ class Tape:
             return int(self.nodes[args[0]][1])
         if len(args) != 2 or len(known) != 2:
             return None
-        (a, b), (u, v) = args, known
-        if name == "add":
-            return b if u == 0.0 else a if v == 0.0 else None
-        if name == "subtract":
-            return self.add("negative", b) if u == 0.0 else a if v == 0.0 else None
-        if name == "multiply":
-            if u == 0.0 or v == 0.0:
-                return self.zero
-            if u in (1.0, -1.0):
-                return b if u == 1.0 else self.add("negative", b)
-            if v in (1.0, -1.0):
-                return a if v == 1.0 else self.add("negative", a)
-        if name == "divide":
-            return self.zero if u == 0.0 else a if v == 1.0 else None
-        if name == "power" and v is not None:
-            return self._power(a, v)
+        rule = getattr(self, f"_of_{name}", None)
+        found: Node | None = None if rule is None else rule(*args, *known)
+        return found
+
+    # Simpler nodes of operations on a and b, of which u and v are the numbers, if they are known.
+
+    def _of_add(self, a: Node, b: Node, u: float | None, v: float | None) -> Node | None:
+        return b if u == 0.0 else a if v == 0.0 else None
+
+    def _of_subtract(self, a: Node, b: Node, u: float | None, v: float | None) -> Node | None:
+        return self.add("negative", b) if u == 0.0 else a if v == 0.0 else None
+
+    def _of_multiply(self, a: Node, b: Node, u: float | None, v: float | None) -> Node | None:
+        if u == 0.0 or v == 0.0:
+            return self.zero
+        for number, other in ((u, b), (v, a)):
+            if number in (1.0, -1.0):
+                return other if number == 1.0 else self.add("negative", other)
         return None
+
+    def _of_divide(self, a: Node, _: Node, u: float | None, v: float | None) -> Node | None:
+        return self.zero if u == 0.0 else a if v == 1.0 else None
+
+    def _of_power(self, a: Node, _: Node, __: float | None, v: float | None) -> Node | None:
+        return None if v is None else self._power(a, v)
 
     def _power(self, a: Node, power: float) -> Node | None:
         """Small powers as products."""

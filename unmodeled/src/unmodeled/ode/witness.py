@@ -48,24 +48,30 @@ def points_of(system: System, motions: Sequence[Motion]) -> dict[Key, Array]:
     good = [np.flatnonzero(np.isfinite(m.states).all(axis=1)) for m in motions]
     where = [(m, i) for m, rows in enumerate(good) for i in rows]
     places = [where[k] for k in np.sort(random.integers(len(where), size=POINTS // 2))]
-    shown_as = {of: n for n, of in system.outputs.items() if isinstance(of, str)}
     out: dict[Key, Array] = {}
     trial = {("x", s.name): 2.0 * (abs(s.start) + s.scale) for s in system.states}
     trial |= {("u", n): 2.0 for n in system.inputs}
     for key in keys_of(system):
         signals = [_signal(system, m, key) for m in motions]
         on = np.array([signals[m][i] for m, i in places])
-        measured = [m.record.outputs.get(shown_as.get(key[-1], "")) for m in motions]
-        seen = [v for v in measured if v is not None and key[0] == "x"]
-        if key[0] in ("x", "p"):  # all jobs
-            place = (system.names if key[0] == "x" else system.parameters).index(key[1])
-            seen += [(m.jobs.starts if key[0] == "x" else m.jobs.theta)[:, place] for m in motions]
-        box = _box(np.concatenate([*(s[g] for s, g in zip(signals, good, strict=True)), *seen]))
+        seen = [s[g] for s, g in zip(signals, good, strict=True)]
+        box = _box(np.concatenate([*seen, *_further(system, motions, key)]))
         out[key] = np.append(on, random.uniform(*box, POINTS - len(on)))
         if key in trial:  # a running maximum has seen the trial of the model
             size = (3.0 * max(map(abs, box)) + trial[key]) * random.uniform(1.0, 2.0, FAR)
             out[key][-FAR:] = size * random.choice([-1.0, 1.0], FAR)
     return out
+
+
+def _further(system: System, motions: Sequence[Motion], key: Key) -> Iterator[Array]:
+    """Values of a state or parameter beside the motions: measured ones, and those of all jobs."""
+    if key[0] == "x":
+        shown_as = {of: n for n, of in system.outputs.items() if isinstance(of, str)}
+        measured = (m.record.outputs.get(shown_as.get(key[1], "")) for m in motions)
+        yield from (v for v in measured if v is not None)
+        yield from (m.jobs.starts[:, system.names.index(key[1])] for m in motions)
+    elif key[0] == "p":
+        yield from (m.jobs.theta[:, system.parameters.index(key[1])] for m in motions)
 
 
 def points_along(system: System, motion: Motion, states: Sequence[str]) -> dict[Key, Array]:

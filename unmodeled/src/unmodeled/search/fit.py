@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ import numpy as np
 from unmodeled.data import Array
 from unmodeled.search.evidence import (
     Fitted,
-    NormalEquations,
     Prior,
     best_of,
     effective_share,
@@ -36,6 +36,7 @@ from unmodeled.search.linear import (
 )
 from unmodeled.search.problem import Members, Observed, Problem
 from unmodeled.search.progress import Stop
+from unmodeled.search.steps import AS_PROMISED, RADIUS, TRIALS, Box, Freshness, Move, TrustRadius
 
 #: Smallest gain of a step that continues a fit [log evidence].
 CONVERGED = 0.1
@@ -43,13 +44,6 @@ CONVERGED = 0.1
 ROUNDS = 40
 #: Change of the logarithm of the noise in a step below which the residual is that of the set.
 SETTLED = 0.1
-#: Largest change of a global unknown in the first step, in its scale; it follows the success.
-RADIUS = 2.0
-#: Share of the promised gain above which derivatives are used again [1].
-AS_PROMISED = 0.5
-#: Trials of a step, and how many shorter ones are tried with derivatives of an earlier point:
-#: these cost ten times as much as a trial, and a step often fails at a kink that they do not show.
-TRIALS, STALE = 7, 2
 #: A fit ends that is behind the best one by more than NEAR [log evidence], if its last step gained
 #: less than this share of the distance.
 NEAR, CATCH_UP = 3.0, 0.3
@@ -156,28 +150,9 @@ def fit_sets(
         for k, point in enumerate(s.points)
     ]
 
-    def prune(waiting: Iterable[int]) -> set[int]:
-        known = [f.now for f in fits if f.now is not None]
-        some = [i for i in waiting if fits[i].now is not None and np.isfinite(fits[i].gain)]
-        if not some:
-            return set()
-        best, ended = best_of(problem, [*known, *rivals]), set()
-        for i in some:
-            own = fits[i].now
-            assert own is not None
-            same = any(
-                np.abs(f.now.point.x - own.point.x).max(initial=0.0) < SAME_POINT
-                for f in fits[:i]
-                if f.now is not None and f.members == own.members
-            )
-            behind = log_odds(problem, best, own) - NEAR
-            if same or fits[i].gain < CATCH_UP * behind:
-                ended.add(i)
-        return ended
-
     reason: BaseException | None = None
     try:
-        run_in_lockstep(problem, [_descend(f) for f in fits], check, prune)
+        run_in_lockstep(problem, [_descend(f) for f in fits], check, partial(_ended, fits, rivals))
     except (Stop, KeyboardInterrupt) as stop:
         reason = stop
     best, found = [], iter(fits)
@@ -187,6 +162,27 @@ def fit_sets(
     if reason is not None:
         raise Stop(best) from reason
     return best
+
+
+def _ended(fits: Sequence[Descent], rivals: Sequence[Fitted], waiting: Iterable[int]) -> set[int]:
+    """Those of some fits that come too slowly nearer to the best one, or are where another is."""
+    some = [(i, now) for i in waiting if (now := fits[i].now) and np.isfinite(fits[i].gain)]
+    if not some:
+        return set()
+    problem, known = fits[0].problem, [f.now for f in fits if f.now is not None]
+    best = best_of(problem, [*known, *rivals])
+    return {
+        i
+        for i, now in some
+        if _reached(now, fits[:i])
+        or fits[i].gain < CATCH_UP * (log_odds(problem, best, now) - NEAR)
+    }
+
+
+def _reached(now: Fitted, others: Iterable[Descent]) -> bool:
+    """Whether another fit of the same set is at the same point."""
+    found = (f.now for f in others if f.now is not None and f.members == now.members)
+    return any(np.abs(f.point.x - now.point.x).max(initial=0.0) < SAME_POINT for f in found)
 
 
 def noise_left(problem: Problem, linears: Sequence[Linear], taken: float = 0.0) -> Array:
@@ -220,42 +216,15 @@ def _taken(
     return max(taken, 0.0) / (share * float(problem.samples.sum()))
 
 
-def _limits(problem: Problem, members: Members) -> tuple[Array, Array]:
-    """Lower and upper limits of the global unknowns."""
+def box_of(problem: Problem, members: Members) -> Box:
+    """Limits of the global unknowns."""
     low, high = problem.parameter_bounds
     bounds = [c.bounds for m in members if (c := problem.causes[m.cause]).effect is not None]
     shapes = count_global(problem, members) - len(low) - len(bounds)
-    return (
+    return Box(
         np.concatenate([low, [b[0] for b in bounds], np.full(shapes, -3.0)]),
         np.concatenate([high, [b[1] for b in bounds], np.full(shapes, 3.0)]),
     )
-
-
-def _step(
-    own: NormalEquations, prior: Prior, x: Array, low: Array, high: Array, damping: float
-) -> tuple[Array, list[Array]]:
-    """Step of global and local unknowns within the limits, from normal equations."""
-    weight = prior.weights(x)
-    matrix = own.matrix + np.diag(weight * (1.0 + damping) + damping * np.diag(own.matrix))
-    right = own.right - weight * x
-    step, held = np.zeros(x.size), np.zeros(x.size, dtype=bool)
-    for _ in range(6):
-        inner = ~held
-        if inner.any():
-            target = right[inner] - matrix[np.ix_(inner, held)] @ step[held]
-            step[inner] = np.linalg.solve(matrix[np.ix_(inner, inner)], target)
-        # A limit that the step passes is reached exactly, and the others adapt to it.
-        beyond = inner & ((x + step < low) | (x + step > high))
-        if not beyond.any():
-            break
-        step[beyond] = np.clip(x + step, low, high)[beyond] - x[beyond]
-        held |= beyond
-    step = np.clip(x + step, low, high) - x
-    local: list[Array] = [
-        np.asarray(np.linalg.solve(inner, target - coupling @ step))
-        for inner, coupling, target in own.locals
-    ]
-    return np.asarray(step), local
 
 
 def _sums(records: Sequence[Observed], linears: Sequence[Linear]) -> tuple[Array, Array]:
@@ -281,89 +250,139 @@ def _cost(
     return total if np.isfinite(total) else np.inf
 
 
+@dataclass(eq=False)
+class _Place:
+    """Where a fit is: its point, what is seen there, and what its next step needs."""
+
+    fit: Descent
+    prior: Prior
+    box: Box
+    point: Point
+    seen: Sequence[Linear]
+    trust: TrustRadius
+    freshness: Freshness
+    noise: Array
+    weight: Array
+    change: float = np.inf
+    """Of the logarithm of the noise in the last step."""
+    settled: bool = False
+    """Whether the noise is that of the set."""
+
+    @classmethod
+    def first(cls, fit: Descent, box: Box, point: Point, seen: Sequence[Linear]) -> _Place:
+        """The start. All samples have the full weight.
+
+        The weight is that of what the set leaves: at the start, the motion itself is a residual,
+        and it would count so little that the prior could keep the parameters there.
+        """
+        return cls(
+            fit,
+            prior_of(fit.problem, fit.members),
+            box,
+            point,
+            seen,
+            TrustRadius(),
+            Freshness(fit.problem.model.cheap_derivatives),
+            noise_left(fit.problem, seen),
+            np.ones(len(fit.problem.channels)),
+        )
+
+    def settle(self, first: bool) -> bool:
+        """Let noise and weight follow what the set leaves; False: a rough fit ends before."""
+        fit, problem = self.fit, self.fit.problem
+        taken = _taken(problem, fit.members, self.point, self.seen, self.noise)
+        left = noise_left(problem, self.seen, taken)
+        self.settled = self.settled or (self.change < SETTLED and not self.trust.far)
+        if self.settled and fit.rough:
+            return False
+        own = Fitted(fit.members, self.point, tuple(self.seen), left)
+        if self.settled:
+            self.weight = weights(problem, own, own)
+        if not first:
+            self.change = float(np.abs(np.log(left / self.noise)).max())
+        self.noise = left
+        if not (fit.known and first):
+            fit.now = own
+        return True
+
+    def cost(self, point: Point, seen: Sequence[Linear]) -> float:
+        """Negative log posterior."""
+        problem = self.fit.problem
+        return _cost(problem, problem.fit, self.fit.members, self.prior, point, seen, self.weight)
+
+    def move(self, damping: float) -> Move:
+        """The step with a damping."""
+        problem = self.fit.problem
+        own = system(
+            *(problem, problem.fit, self.fit.members, self.point, self.seen),
+            *(self.noise, self.weight, damping),
+        )
+        return self.box.move(own, self.prior, self.point.x, damping)
+
+    def ask(self, point: Point, derivatives: bool = True) -> EvaluationRequest:
+        """Request of residuals at a point."""
+        problem = self.fit.problem
+        return EvaluationRequest(self.fit.members, point, problem.fit, derivatives=derivatives)
+
+
 def _descend(fit: Descent) -> Steps:
     """Damped Gauss-Newton steps of the unknowns; noise and weights follow what the set leaves.
 
     A step increases the log posterior, in which a sample has the weight that it has in the
-    comparison of sets. Derivatives that are not cheap are used again while steps gain what they
-    promise; the last point has its own.
+    comparison of sets.
     """
-    problem, members, point = fit.problem, fit.members, fit.point
-    prior = prior_of(problem, members)
-    low, high = _limits(problem, members)
-    point = replace(point, x=np.clip(point.x, low, high))
-    first = seen = [*fit.known] or (yield EvaluationRequest(members, point, problem.fit))
-    if any(x.failed for x in seen):
+    box = box_of(fit.problem, fit.members)
+    point = replace(fit.point, x=box.inside(fit.point.x))
+    first = [*fit.known] or (yield EvaluationRequest(fit.members, point, fit.problem.fit))
+    if any(x.failed for x in first):
         return None
-    # The weight is that of what the set leaves: at the start, the motion itself is a residual, and
-    # it would count so little that the prior could keep the parameters there.
-    noise, weight, change = noise_left(problem, seen), np.ones(len(problem.channels)), np.inf
-    radius, derivatives, far, settled = RADIUS, problem.model.cheap_derivatives, False, False
-    stale = False
+    at = _Place.first(fit, box, point, first)
     for _ in range(ROUNDS):
-        left = noise_left(problem, seen, _taken(problem, members, point, seen, noise))
-        settled = settled or (change < SETTLED and not far)
-        if settled and fit.rough:
+        if not at.settle(at.seen is first):
             break
-        own_fit = Fitted(members, point, tuple(seen), left)
-        if settled:
-            weight = weights(problem, own_fit, own_fit)
-        if seen is not first:
-            change = float(np.abs(np.log(left / noise)).max())
-        noise = left
-        if not (fit.known and seen is first):
-            fit.now = own_fit
-        now = _cost(problem, problem.fit, members, prior, point, seen, weight)
-        gain = 0.0
-        for trial in range(TRIALS):
-            damping = 1e-3
-            for _ in range(20):
-                own = system(problem, problem.fit, members, point, seen, noise, weight, damping)
-                step, local = _step(own, prior, point.x, low, high, damping)
-                length = float(np.abs(step).max(initial=0.0))
-                if length <= 1.1 * radius:
-                    break
-                damping = max(damping, 0.03) * min(length / radius, 10.0)
-            promised = _promised(own, prior, point.x, step)
-            if change < SETTLED and promised < CONVERGED:
-                break
-            moved = Point(
-                point.x + step,
-                tuple(a + b for a, b in zip(point.local, local, strict=True)),
-            )
-            found = yield EvaluationRequest(members, moved, problem.fit, derivatives=derivatives)
-            cost = _cost(problem, problem.fit, members, prior, moved, found, weight)
-            if cost < now:
-                gain = now - cost
-                if not derivatives:
-                    stale = not problem.model.cheap_derivatives and gain > AS_PROMISED * promised
-                    found = (
-                        _secant(seen, found, step, local)
-                        if stale
-                        else (yield EvaluationRequest(members, moved, problem.fit))
-                    )
-                # The next first trial is mostly accepted, and its successor needs derivatives.
-                derivatives = problem.model.cheap_derivatives
-                point, seen = moved, found
-                far = damping > 1e-3 and radius >= RADIUS
-                radius = max(radius, 2.0 * length)
-                break
-            if stale and trial == STALE:
-                seen, stale = (yield EvaluationRequest(members, point, problem.fit)), False
-                continue
-            if not stale and cost < now + CONVERGED:  # flat
-                break
-            radius, derivatives = 0.4 * length, False
-        fit.gain = gain if settled else max(gain, CONVERGED)
-        if far and gain > 0.0:  # its steps are limited, and grow
+        gain = yield from _improve(at)
+        fit.gain = gain if at.settled else max(gain, CONVERGED)
+        if at.trust.far and gain > 0.0:  # its steps are limited, and grow
             fit.gain = np.inf
         if fit.gain < CONVERGED:
-            if not stale:
+            if not at.freshness.stale:
                 break
-            seen, stale = (yield EvaluationRequest(members, point, problem.fit)), False
-        settled = settled or gain < CONVERGED
-    fit.now = Fitted(members, point, tuple(seen), noise)
+            at.seen = yield at.ask(at.point)
+            at.freshness.renewed()
+        at.settled = at.settled or gain < CONVERGED
+    fit.now = Fitted(fit.members, at.point, tuple(at.seen), at.noise)
     return fit.now
+
+
+def _improve(at: _Place) -> Generator[EvaluationRequest, list[Linear], float]:
+    """One step, shorter and shorter until it gains; its gain, 0: there is none."""
+    now = at.cost(at.point, at.seen)
+    for trial in range(TRIALS):
+        move = at.trust.within(at.move)
+        if at.change < SETTLED and move.promised < CONVERGED:
+            return 0.0
+        moved = move.of(at.point)
+        own = at.freshness.asked
+        found = yield at.ask(moved, own)
+        cost = at.cost(moved, found)
+        if cost < now:
+            at.freshness.accepted(now - cost, move.promised)
+            if at.freshness.stale:
+                found = _secant(at.seen, found, move.step, move.local)
+            elif not own:
+                found = yield at.ask(moved)
+            at.trust.accepted(move)
+            at.point, at.seen = moved, found
+            return now - cost
+        if at.freshness.due(trial):
+            at.seen = yield at.ask(at.point)
+            at.freshness.renewed()
+        elif not at.freshness.stale and cost < now + CONVERGED:  # flat
+            return 0.0
+        else:
+            at.trust.rejected(move)
+            at.freshness.rejected()
+    return 0.0
 
 
 def _secant(
@@ -389,31 +408,18 @@ def first_step(
 
     It is if a step does not gain what it promises.
     """
-    prior = prior_of(problem, ())
-    low, high = _limits(problem, ())
+    fit = Descent(problem, (), point)
     seen = yield EvaluationRequest((), point, problem.fit)
     if any(x.failed for x in seen):
         return None
-    noise = noise_left(problem, seen)
-    own = system(problem, problem.fit, (), point, seen, noise, 1.0)
-    step, local = _step(own, prior, point.x, low, high, 0.0)
-    if float(np.abs(step).max(initial=0.0)) > RADIUS:
+    at = _Place.first(fit, box_of(problem, ()), point, seen)
+    move = at.move(0.0)
+    if move.length > RADIUS:
         return None
-    moved = Point(point.x + step, tuple(a + b for a, b in zip(point.local, local, strict=True)))
-    found = yield EvaluationRequest((), moved, problem.fit, derivatives=False)
-    now, cost = (
-        _cost(problem, problem.fit, (), prior, p, x, np.ones(len(problem.channels)))
-        for p, x in ((point, seen), (moved, found))
-    )
-    promised = _promised(own, prior, point.x, step)
-    return tuple(seen) if now - cost > AS_PROMISED * promised else None
-
-
-def _promised(own: NormalEquations, prior: Prior, x: Array, step: Array) -> float:
-    """Gain that a step of the global unknowns promises, to second order; local ones follow."""
-    slope = own.right - prior.weights(x) * x
-    inner = sum(float(target @ np.linalg.solve(matrix, target)) for matrix, _, target in own.locals)
-    return float(slope @ step) - 0.5 * float(step @ own.matrix @ step) + 0.5 * inner
+    moved = move.of(point)
+    found = yield at.ask(moved, derivatives=False)
+    gain = at.cost(point, seen) - at.cost(moved, found)
+    return tuple(seen) if gain > AS_PROMISED * move.promised else None
 
 
 def fit_local(

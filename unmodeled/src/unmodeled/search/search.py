@@ -20,7 +20,6 @@ from unmodeled.search.fit import (
     CONVERGED,
     PARTS,
     POOR,
-    RADIUS,
     Start,
     empty_point,
     first_step,
@@ -52,6 +51,7 @@ from unmodeled.search.score import (
     pairs,
     scores,
 )
+from unmodeled.search.steps import RADIUS
 
 #: Log evidence that a larger set must gain; an exchange must gain what a fit may miss.
 WORTH = 0.5
