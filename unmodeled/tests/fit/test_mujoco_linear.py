@@ -132,3 +132,20 @@ def test_sizes_need_no_trials(ready):
         shares.append(max(moved / motion))
     assert max(shares) < 2.0 * min(shares)
     assert model.simulations < 30
+
+
+@pytest.mark.parametrize("limit", [4.0, 60.0])
+def test_a_largest_force_gets_a_size_whether_it_is_reached_or_not(tmp_path, limit):
+    """A servo that never reaches its limit shows only a smaller one."""
+    text = ARM.replace('kp="70" kv="1.5"', f'kp="70" kv="1.5" forcerange="-{limit} {limit}"')
+    (tmp_path / "arm.xml").write_text(text)
+    time = np.arange(0.0, 1.5, 0.025)
+    inputs = {"c1": 0.5 * np.sin(7.0 * time), "c2": -0.4 + 0.4 * np.sin(11.0 * time)}
+    model = unmodeled.mujoco(tmp_path / "arm.xml")
+    outputs = {n: v for n, v in model.mjcf(time, inputs, {}).items() if n in ("hip", "knee")}
+    ready = model.ready([Record(name="run", time=time, inputs=inputs, outputs=outputs)])
+    (force,) = [e for e in ready.model.effects if e.name == "c1.force"]
+    assert 0.0 < force.scale < limit
+    assert force.sign == (0 if limit < 60.0 else -1)
+    seen = ready.model.mjcf(time, inputs, {"c1.force": limit - force.scale})
+    assert np.abs(seen["hip"] - outputs["hip"]).max() > 1e-3

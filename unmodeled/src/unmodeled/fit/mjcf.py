@@ -111,7 +111,8 @@ class MujocoModel(Simulator):
             if what == "backlash" and owner in joints:  # its clearance is what the joint shows
                 sizes[name] = shown[joints[owner][POSITION]]
             elif what == "force" and owner in used:
-                sizes[name] = known[name].value - (1.0 - MOST) * used[owner]
+                limit = known[name].value
+                sizes[name] = limit - (1.0 - MOST) * min(used[owner], limit)
         sizes = {n: float(f"{v:.2g}") for n, v in sizes.items()}
         told = ", ".join(f"{n} {v:g} {known[n].unit}" for n, v in sizes.items())
         notes = [f"expected sizes, from their influence on record {record.name}: {told}"]
