@@ -17,6 +17,8 @@ __all__ = ["of_tier", "rate", "read", "write_page"]
 
 #: Sets in the order of the page.
 ORDER = "interventions", "measured", "machines", "questions"
+#: Sets whose single cases are in `bench/causes/results` only.
+UNLISTED = ("machines",)
 #: What an engine sees, and how it is set.
 SEEN = {
     "unmodeled": "model, priors, candidates with their scales and shapes, noise; defaults",
@@ -107,7 +109,7 @@ def _table(found: Mapping[str, list[Row]], name: str) -> list[str]:
 
 
 def _cases(found: Mapping[str, list[Row]], name: str) -> list[str]:
-    """The answers to each case of a set."""
+    """The marks of each case of a set; of the first engine, also what it told."""
     marks = {(e, r["case"]): r for e, rows in found.items() for r in rows if r["set"] == name}
     cases: dict[str, tuple[int, str]] = {}
     for (_, case), r in marks.items():
@@ -118,20 +120,33 @@ def _cases(found: Mapping[str, list[Row]], name: str) -> list[str]:
         "|---|---|" + "---|" * len(engines),
     ]
     for case, (_, about) in sorted(cases.items(), key=lambda one: one[1]):
-        cells = [_cell(marks.get((e, case))) for e in engines]
+        cells = [_cell(marks.get((e, case)), whole=e == engines[0]) for e in engines]
         lines.append(f"| {case} | {about} | {' | '.join(cells)} |")
     return lines
 
 
-def _cell(row: Row | None) -> str:
-    if row is None:
-        return ""
+def _cell(row: Row | None, *, whole: bool) -> str:
+    if row is None or not whole:
+        return "" if row is None else row["mark"]
     answer = row["answer"]
     told = [*answer["named"], *(" or ".join(c) for c in answer["classes"])]
     more = [f"supported: {', '.join(answer['supported'])}"] if answer["supported"] else []
     text = "; ".join([", ".join(told), *more] if told else more)
     said = f" ({answer['said']})" if row["mark"] == "none" else ""
     return f"**{row['mark']}**{said}{': ' * bool(text)}{text}".replace("|", "/")
+
+
+def _first(found: Mapping[str, list[Row]]) -> list[str]:
+    """Right and wrong names of all sets together, on the cases that an engine and the first ran."""
+    (own, rows), *others = found.items()
+    lines = ["| engine | cases of both | right, of cases with a cause | wrong names | "
+             f"right by {own} | wrong by {own} |", "|---|---|---|---|---|---|"]  # fmt: skip
+    for engine, theirs in others:
+        both = {r["case"] for r in rows} & {r["case"] for r in theirs}
+        c, o = (counts([r for r in some if r["case"] in both]) for some in (theirs, rows))
+        cells = [f"{x[k][0]} of {x[k][1]}" for x in (c, o) for k in ("right", "wrong")]
+        lines.append(f"| {engine} | {len(both)} | {' | '.join(cells)} |")
+    return [f"All sets together, paired with {own}:", "", *lines, ""] if others else []
 
 
 def held_out(found: Mapping[str, list[Row]]) -> list[str]:
@@ -247,7 +262,7 @@ def write_page(results: Path, docs: Path, sizes: Mapping[str, int]) -> None:
         "before an engine sees the folder. All engines have the same limit of processor time and "
         "the same simulations. Losses are printed as wins are. The rows are those of "
         "`bench/causes/results`; `python bench/causes/run.py --page` writes this page from them.",
-        "", "![rates of right and wrong names](../img/leaderboard.svg)", "",
+        "", *_first(found), "![rates of right and wrong names](../img/leaderboard.svg)", "",
         "Shares have 95 % intervals of Clopper and Pearson. The number beside a name is the number "
         "of its cases; engines that ran other cases cannot be compared by the picture alone. "
         "Marks: *right*, each true cause (or an accepted equivalent) is named and nothing false; "
@@ -265,8 +280,8 @@ def write_page(results: Path, docs: Path, sizes: Mapping[str, int]) -> None:
         )
     for name in ORDER:
         if any(r["set"] == name for rows in found.values() for r in rows):
-            lines += ["", f"## {name.capitalize()}", "", *_table(found, name), ""]
-            lines += _cases(found, name)
+            lines += ["", f"## {name.capitalize()}", "", *_table(found, name)]
+            lines += ["", *_cases(found, name)] if name not in UNLISTED else []
         if name == "measured" and (ratios := held_out(found)):
             lines += ["", "Held-out residual beside least squares with the right set:", "", *ratios]
     lines += ["", *_official(found, results / "official.json")]
