@@ -10,6 +10,7 @@ from unmodeled.data import Record
 from unmodeled.fit.mjcf_linear import _Linear, columns_of
 from unmodeled.fit.mjcf_runs import Mjcf
 from unmodeled.models.model import Candidate, SensitivityRequest, difference_sensitivities
+from unmodeled.search.identifiable import told_apart
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -149,3 +150,16 @@ def test_a_largest_force_gets_a_size_whether_it_is_reached_or_not(tmp_path, limi
     assert force.sign == (0 if limit < 60.0 else -1)
     seen = ready.model.mjcf(time, inputs, {"c1.force": limit - force.scale})
     assert np.abs(seen["hip"] - outputs["hip"]).max() > 1e-3
+
+
+def test_a_check_tells_which_numbers_the_motions_cannot_tell_apart(ready):
+    """Damping of a joint and of its servo are one law; a joint that rests shows no number of it."""
+    model, (record,) = unmodeled.mujoco(ready.model.mjcf.path), ready.records
+    told = unmodeled.check(model, record).identifiability
+    (same,) = [t for t in told if "no motion tells them apart" in t]
+    assert "hip.damping and c1.kv" in same
+    assert "knee.damping and c2.kv" in same
+    assert told_apart(ready.model, [record], 0.0)[0].startswith("left out")
+    line = unmodeled.Simulator(lambda time, inputs, p: {"hip": p["a"] * inputs["c1"]},
+                               parameters={"a": (1.0, 0.1, "rad")})  # fmt: skip
+    assert told_apart(line.ready([record]).model, [record], 3.0) == ()

@@ -83,7 +83,8 @@ def check(
         rows = [{k: None if isinstance(v, float) and not isfinite(v) else v for k, v in r.items()}
                 for r in comparison.frame.to_dict("records")]  # fmt: skip
         hints = [asdict(h) for h in comparison.hints]
-        print_json({"rows": rows, "hints": hints, "notes": comparison.notes})
+        shown = {"notes": comparison.notes, "identifiability": comparison.identifiability}
+        print_json({"rows": rows, "hints": hints, **shown})
     else:
         _print_check(comparison, loaded.model.units)
     save_figure(picture, comparison.plot, force=force)
@@ -102,6 +103,8 @@ def _print_check(comparison: Comparison, units: Mapping[str, str]) -> None:
     if inputs:
         show("inputs of the model", "=record | =input | unit | >lowest | >highest", inputs)
     _print_comparison(comparison)
+    for sentence in comparison.identifiability:
+        say(f"Motions: {sentence}")
     _print_notes([*(h.text for h in comparison.hints), *notes, *_without_noise(comparison)])
     if not comparison.hints:
         say("No unit, sign, delay or order of columns explains the difference: go on with "

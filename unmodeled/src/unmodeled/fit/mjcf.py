@@ -37,6 +37,7 @@ from unmodeled.models.matching import matched
 from unmodeled.models.model import (
     Candidate,
     Effect,
+    Influence,
     Origin,
     Ready,
     Sensitivity,
@@ -54,6 +55,18 @@ STEP_ERROR, OF_SPREAD = 0.3, 0.01
 FEW = 3
 #: Samples after which the influence of the starts may have faded, and the share of it that is none.
 BEGINNINGS, FADED = (30, 100, 300), 1e-3
+
+
+#: What a number follows, and which motions show it.
+SPEED = "the speed", "motions at several constant speeds"
+GOAL = "the distance from the goal", "rests in several poses under load"
+GRAVITY = "gravity and acceleration", "the same motion in several poses"
+INFLUENCES = {
+    "damping": SPEED, "kv": SPEED, "kp": GOAL, "gear": GOAL, "gain": GOAL,
+    "frictionloss": ("the direction of the motion", "slow motions that reverse"),
+    "armature": ("the acceleration", "fast starts and stops"),
+    "stiffness": ("the position", "rests at several places"),
+}  # fmt: skip
 
 
 class MujocoModel(Simulator):
@@ -91,18 +104,11 @@ class MujocoModel(Simulator):
     def _sized(self, records: Sequence[Record]) -> tuple[tuple[Effect, ...], list[str]]:
         """Sizes follow from the derivatives along the motion, without trials."""
         record, _, unit, goal = wanted_change(self, records)
-        known, values = self.mjcf.properties, self._point([p.value for p in self.parameters])
-        steps = {n: probe(self.mjcf.model, n, known[n].value) for n in self._unsized}
-        steps = {n: v for n, v in steps.items() if v}
-        run = self._run(record, values)
-        changes = [[({n: values[n] + v}, 1.0 / v)] for n, v in steps.items()]
-        found = columns_of(self.mjcf, run, changes, (), (), self.outputs)
+        known, run = self.mjcf.properties, self._tabulated_run(record)
+        found = self._by_probes(run, self._unsized)
         if found is None:
             return super()._sized(records)
-        sizes = {}
-        for name, column in zip(steps, np.moveaxis(found, 2, 0), strict=True):
-            if (share := share_of(column, unit)) > 0.0:
-                sizes[name] = goal / share
+        sizes = {n: goal / v for n, by in found.items() if (v := share_of(by, unit)) > 0.0}
         joints = measured_joints(self.mjcf.model, self.outputs)
         shown = dict(zip(self.outputs, goal * unit, strict=True))
         used = largest_forces(self.mjcf, run)
@@ -122,6 +128,25 @@ class MujocoModel(Simulator):
         )
         others, more = sized(self, effects, self._unsized - sizes.keys(), records)
         return others, [*(notes if told else []), *more]
+
+    def _tabulated_run(self, record: Record) -> Run:
+        return self._run(record, self._point([p.value for p in self.parameters]))
+
+    def _by_probes(self, run: Run, names: Iterable[str]) -> dict[str, Array] | None:
+        """Derivatives along a motion by properties, (n, ny); None: not for this model or record."""
+        known = self.mjcf.properties
+        values = {n: run.parameters.get(n, known[n].value) for n in names}
+        steps = {n: v for n in values if (v := probe(self.mjcf.model, n, known[n].value))}
+        changes = [[({n: values[n] + v}, 1.0 / v)] for n, v in steps.items()]
+        found = columns_of(self.mjcf, run, changes, (), (), self.outputs)
+        return None if found is None else dict(zip(steps, np.moveaxis(found, 2, 0), strict=True))
+
+    def influences(self, record: Record) -> Sequence[Influence]:
+        """See :class:`~unmodeled.fit.Model`: numbers of joints, servos and payloads."""
+        tested = [n for n, p in self.mjcf.properties.items() if p.tested]
+        found = self._by_probes(self._tabulated_run(record), tested) or {}
+        kinds = {n: INFLUENCES.get(n.rpartition(".")[2], GRAVITY) for n in found}
+        return [Influence(n, by, *kinds[n]) for n, by in found.items()]
 
     def _side(self, effect: Effect, used: Mapping[str, float]) -> Literal[-1, 0, 1]:
         """Sign of a change: of a largest force that is not reached, only a smaller one shows."""

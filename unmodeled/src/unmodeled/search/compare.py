@@ -23,6 +23,7 @@ from unmodeled.fit.observe import observe
 from unmodeled.fit.simulator import Simulator
 from unmodeled.lazy import lazy_import
 from unmodeled.models.model import Candidate, Model, Ready, SensitivityRequest, start_in
+from unmodeled.search.identifiable import told_apart
 from unmodeled.search.problem import Observed
 from unmodeled.search.records import noise_of_channel, ready_records, wrap_text
 from unmodeled.search.result import Compared, Hint
@@ -50,6 +51,9 @@ class Comparison:
     simulated: Mapping[str, Mapping[str, Array]]
     """Outputs of the model by record and channel, at the times of the record."""
     notes: tuple[str, ...] = ()
+    identifiability: tuple[str, ...] = ()
+    """Numbers of the model that the motions do not show or cannot tell apart, and which motions
+    would; (): they are not known."""
 
     @property
     def frame(self) -> pd.DataFrame:
@@ -85,7 +89,8 @@ def check(
 
     No parameter is fitted, and no candidate gets a size. A start state that is not known is the one
     that fits the beginning of the record best. Where a record differs, other clocks, units and
-    columns are simulated for at most 3 s; a note tells if some were left out.
+    columns are simulated for at most 3 s; a note tells if some were left out. For as long, numbers
+    of a MuJoCo model are sought that the motions cannot tell apart.
 
     Parameters
     ----------
@@ -123,7 +128,10 @@ def check(
     """
     tell = progress or (lambda _: None)
     tell("prepares the model and the records")
-    return _finite(model, compared(ready_records(model.tabulated(), records), TRIED, tell))
+    ready = ready_records(model.tabulated(), records)
+    found = _finite(model, compared(ready, TRIED, tell))
+    tell("looks which numbers the motions tell apart")
+    return replace(found, identifiability=told_apart(ready.model, ready.records, TRIED))
 
 
 def _finite(model: Model, found: Comparison) -> Comparison:
