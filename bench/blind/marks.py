@@ -79,6 +79,18 @@ Interval = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
+class Told:
+    """A member of the set of an answer."""
+
+    causes: tuple[str, ...]
+    """It, and what is told to be equivalent."""
+    mark: str
+    probability: float
+    """Probability of the sets with any of these [1]."""
+    excludes_zero: bool
+
+
+@dataclass(frozen=True)
 class Answer:
     """What an engine said of a case."""
 
@@ -104,6 +116,8 @@ class Answer:
     """First sentence that a user reads."""
     predicted: float = math.nan
     """Rms of the held-out records with what is told [unit of the output], worst channel."""
+    members: tuple[Told, ...] = ()
+    """Members of the set of the answer, each with its mark."""
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> Answer:
@@ -118,6 +132,9 @@ class Answer:
                 "classes": tuple(tuple(c) for c in plain["classes"]),
                 "moved": tuple(plain["moved"]),
                 "supported": tuple(plain.get("supported", ())),
+                "members": tuple(
+                    Told(**{**t, "causes": tuple(t["causes"])}) for t in plain.get("members", ())
+                ),
                 "predicted": math.nan if plain.get("predicted") is None else plain["predicted"],
                 "held_out": None if plain["held_out"] is None else tuple(plain["held_out"]),
             }
@@ -285,6 +302,27 @@ def _covered(cases: Sequence[Marked]) -> dict[str, tuple[int, int]]:
     return found
 
 
+def calibration(cases: Sequence[Marked]) -> dict[str, tuple[int, int, float]]:
+    """Members in the machine, all members and their mean probability, by mark and probability."""
+    found: dict[str, list[tuple[bool, float]]] = {}
+    for c in cases:
+        if c.truth.kind not in ("effect", "control"):
+            continue
+        real = [p for t in c.truth.causes for p in (*t.right, *t.near)]
+        for t in c.answer.members:
+            if _matches(t.causes, c.truth.free):
+                continue
+            true, p = _matches(t.causes, real), t.probability
+            between = next(b for b in (0.99, 0.9, 0.5, 0.0) if p >= b)
+            zero = "" if t.excludes_zero else ", interval with zero"
+            for row in ("all", f"all, {between:g} and more", t.mark + zero):
+                found.setdefault(row, []).append((true, p))
+    return {
+        row: (sum(t for t, _ in own), len(own), sum(p for _, p in own) / len(own))
+        for row, own in sorted(found.items())
+    }
+
+
 def _gains(cases: Sequence[Marked]) -> list[float]:
     """Held-out residual with the named effects, as a share of that without them."""
     return [
@@ -327,6 +365,8 @@ def table(cases: Sequence[Marked]) -> dict[str, str]:
     if told:
         false = [n for c in cases for n in c.falsely_supported]
         rows["supported members that are not in the machine"] = f"{len(false)} of {len(told)}"
+    for row, (true, total, p) in calibration(cases).items():
+        rows[f"members in the machine: {row}"] = f"{true} of {total} (told {p:.0%})"
     gains = _gains(cases)
     if gains:
         rows["held-out residual after / before, median"] = f"{median(gains):.2f} ({len(gains)})"

@@ -27,7 +27,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ import unmodeled
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from blind.marks import Answer, Marked, Truth, case_numbers, compare, read, table
+from blind.marks import Answer, Marked, Told, Truth, case_numbers, compare, read, table
 from blind.yardstick_sets import ROOT, SEALED, SETS, Set, Task
 
 __all__ = ["ENGINES", "diagnosed", "run_case"]
@@ -79,7 +79,20 @@ def diagnosed(model: Any, effects: Sequence[Any], records: Sequence[Any], budget
         supported=tuple(name(c) for c in getattr(result, "supported", ())),
         first=result.summary(),
         predicted=result.worst.held_out_explained,
+        members=tuple(_members(result)),
     )
+
+
+def _members(result: Any) -> Iterator[Told]:
+    """Members of the set of an answer."""
+    parameters = {p.name for p in result.parameters}
+    for f in result.findings:
+        if f.mark is not None:
+            own = (f.cause, *f.equivalents)
+            names = tuple(f"parameter:{n}" if n in parameters else n for n in own)
+            sets = [s.probability for s in result.sets if {*s.causes} & {*own}]
+            together = min(max(sum(sets), f.probability), 1.0)
+            yield Told(names, f.mark.value, together, f.excludes_zero)
 
 
 ENGINES: Mapping[str, Engine] = {"feltmb": diagnosed}

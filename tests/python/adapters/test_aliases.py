@@ -166,6 +166,9 @@ def test_an_effect_may_change_its_parameter_backwards():
     assert found.low < -0.5 < found.high
     sizes = [dict(zip(s.causes, s.magnitudes, strict=True)) for s in report.sets]
     assert sizes[0] == {"flatter": found.magnitude}
+    (change,) = report.changes  # its title is that of the parameter, and so is its number
+    assert change.size == pytest.approx(-2.0 * found.magnitude)
+    assert change.low < 1.0 < change.high
 
 
 def test_without_such_an_effect_the_parameter_is_told():

@@ -106,7 +106,7 @@ def test_a_set_whose_rest_cannot_be_fitted_stays(monkeypatch):
         ((1,), EQUAL, -1.0, False),
     ],
 )
-def test_the_best_predicting_set_is_a_rival_of_the_most_probable_one(
+def test_a_set_that_surely_predicts_better_takes_the_place_of_the_most_probable_one(
     monkeypatch, rival, ratio, odds, preferred
 ):
     sets = {c: fitted(*c) for c in ((), (0,), rival)}
@@ -114,35 +114,53 @@ def test_the_best_predicting_set_is_a_rival_of_the_most_probable_one(
     out = Given(everything=Given(sets=sets), predicted=predicted, problem=None, alone=sets[()])
     monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
     monkeypatch.setattr(choice, "best_of", lambda *_: sets[0,])
-    monkeypatch.setattr(choice, "_rival", lambda *_: [sets[rival]])
+    monkeypatch.setattr(choice, "_rival", lambda *_: sets[rival])
     monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (now, {}))
     monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: False)
     monkeypatch.setattr(choice, "log_odds", lambda _, one, other: odds)
-    against_none = {rival: -1.0, (0,): -0.5, (): 0.0}
-    monkeypatch.setattr(
-        choice, "_ratio", lambda _, a, b, __: Ratio(against_none[a]) if b == () else ratio
-    )
+    monkeypatch.setattr(choice, "_ratio", lambda *_: ratio)
     choice._pruned_from_all(out, Options(), lambda: None)
     assert out.best.causes == (rival if preferred else (0,))
 
 
-def test_the_rival_is_the_most_probable_set_that_predicts_as_well_as_the_best(monkeypatch):
-    ranked = [fitted(*c) for c in ((0,), (1,), (2,), (3,))]
-    out = Given(problem=None, everything=Given(sets=dict(enumerate(ranked))),
-                predicted={s.causes: object() for s in ranked})  # fmt: skip
-    left = {(0,): 0.0, (1,): -0.02, (2,): -0.9, (3,): -1.0, (): 0.5}
-    monkeypatch.setattr(choice, "rank", lambda *_: (ranked, None))
+def climbed(monkeypatch, sets, left, without=()):
+    """The set that a climb ends with; ``sets`` has the most probable first."""
+    ranked = [fitted(*c) for c in sets]
+    known = {s.causes: s for s in ranked}
+    out = Given(problem=None, everything=Given(sets=known), predicted=dict.fromkeys(known, 1))
+    position = {c: k for k, c in enumerate(sets)}
 
     def ratio(_, one, other, __):
         value = left[one] - left[other]
         return Ratio(value, value - 0.2, value + 0.2)
 
+    monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
+    monkeypatch.setattr(choice, "rank", lambda *_: (ranked, None))
+    monkeypatch.setattr(choice, "best_of", lambda *_: ranked[0])
     monkeypatch.setattr(choice, "_ratio", ratio)
-    assert [s.causes for s in choice._rival(out, ranked[0])] == [(2,)]  # (3,) is not surely better
-    left[3,] = -2.0
-    assert [s.causes for s in choice._rival(out, ranked[0])] == [(3,)]
-    left[2,] = left[3,] = -0.1  # nothing is surely better than the most probable one
-    assert choice._rival(out, ranked[0]) == []
+    monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: False)
+    monkeypatch.setattr(
+        choice, "log_odds", lambda _, a, b: float(position[b.causes] - position[a.causes])
+    )
+    pruned = {**dict(zip(sets, sets, strict=True)), **dict(without)}
+    monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (known[pruned[now.causes]], {}))
+    choice._pruned_from_all(out, Options(), lambda: None)
+    return out.best.causes
+
+
+def test_the_choice_climbs_to_sets_that_surely_predict_better(monkeypatch):
+    sets = [(0,), (0, 1), (2,), (0, 1, 3)]
+    left = {(0,): 0.0, (0, 1): -0.7, (2,): -0.1, (0, 1, 3): -0.75}
+    assert climbed(monkeypatch, sets, left) == (0, 1)  # (0, 1, 3) is not surely better
+    assert climbed(monkeypatch, sets, {**left, (0, 1, 3): -1.5}) == (0, 1, 3)
+    # What needs a cause less is not as good as the set before.
+    assert climbed(monkeypatch, sets, {**left, (0, 1, 3): -1.5}, {(0, 1, 3): (2,)}) == (0, 1)
+    assert climbed(monkeypatch, sets, dict.fromkeys(sets, 0.0)) == (0,)
+    # Another law that is surely less probable does not take the place, however it predicts.
+    far = [(0,), (1,), (2,), (3,)]
+    left = {(0,): 0.0, (1,): 0.0, (2,): 0.0, (3,): -2.0}
+    assert climbed(monkeypatch, far, left) == (0,)
+    assert climbed(monkeypatch, far, {**left, (2,): -2.0}) == (2,)
 
 
 def test_a_set_that_predicts_worse_than_the_mean_is_none(monkeypatch):
@@ -162,7 +180,7 @@ def test_a_set_that_predicts_worse_than_the_mean_is_none(monkeypatch):
     out = Given(everything=Given(sets=sets), predicted={}, problem=None, alone=sets[()])
     monkeypatch.setattr(choice, "_fit_smaller", lambda *_: None)
     monkeypatch.setattr(choice, "best_of", lambda *_: one)
-    monkeypatch.setattr(choice, "_rival", lambda *_: [])
+    monkeypatch.setattr(choice, "_rival", lambda *_: None)
     monkeypatch.setattr(choice, "_pruned", lambda _, now, *__: (now, {0: Need(9.0)}))
     monkeypatch.setattr(choice, "_worse_than_constant", lambda *_: True)
     choice._pruned_from_all(out, Options(), lambda: None)

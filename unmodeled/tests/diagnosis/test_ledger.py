@@ -18,9 +18,9 @@ from .conftest import spring_record
 OUTSIDE = Finding("wear", fitted=True, evidence=-5.0)
 MEMBER = Finding(
     "wear", member=True, fitted=True, probability=0.99, least_probability=0.95, takes=5.0,
-    evidence=9.0,
+    evidence=9.0, together=0.99,
 )  # fmt: skip
-UNLIKELY = replace(MEMBER, probability=0.5, least_probability=0.4)
+UNLIKELY = replace(MEMBER, probability=0.5, least_probability=0.4, together=0.5)
 #: Each code: a candidate for which it decides, its mark, and the code that it has without the rule.
 CASES = {
     "stands for": (replace(OUTSIDE, stands_for=("tear",)), None, "less probable"),
@@ -32,8 +32,8 @@ CASES = {
     "cut": (replace(MEMBER, complete=False), Mark.UNSURE, "named"),
     "at limit": (replace(UNLIKELY, at_limit=True, predicts=True), Mark.UNSURE, "supported"),
     "zero": (replace(MEMBER, excludes_zero=False), Mark.UNSURE, "named"),
-    "small": (replace(MEMBER, takes=0.4, noise_remains=True), Mark.SMALL, "does not matter"),
-    "does not matter": (replace(MEMBER, takes=0.4), Mark.UNSURE, "named"),
+    "small": (replace(MEMBER, takes=0.4), Mark.SMALL, "does not matter"),
+    "does not matter": (replace(UNLIKELY, takes=0.4, equivalents=("tear",)), Mark.UNSURE, "one of"),
     "one of": (replace(MEMBER, equivalents=("tear",)), Mark.ONE_OF, "named"),
     "named": (MEMBER, Mark.NAMED, "unsure"),
     "supported": (replace(UNLIKELY, predicts=True), Mark.SUPPORTED, "unsure"),
@@ -80,21 +80,21 @@ def test_each_rule_decides_for_a_candidate(code, monkeypatch):
         (replace(MEMBER, complete=False, equivalents=("tear",), predicts=True), Mark.UNSURE),
         # Nor does one that has not fitted the set without it.
         (replace(MEMBER, evidence=float("nan"), predicts=True), Mark.UNSURE),
-        # Held-out records that need it outweigh an interval with zero, and an effect that is small
-        # beside a rest that is not noise.
+        # Held-out records that need it outweigh an interval with zero. What is small in all records
+        # together is small.
         (replace(MEMBER, excludes_zero=False, predicts=True), Mark.NAMED),
-        (replace(MEMBER, takes=0.4, predicts=True), Mark.NAMED),
+        (replace(MEMBER, takes=0.4, predicts=True), Mark.SMALL),
         # Equivalents share what one of them takes: the interval of each may contain zero.
         (replace(MEMBER, excludes_zero=False, equivalents=("tear",)), Mark.ONE_OF),
         # A limit is no fault of what the evidence is sure of.
         (replace(MEMBER, at_limit=True), Mark.NAMED),
-        # What is small must be sure: probable, not zero, not refused.
-        (replace(UNLIKELY, takes=0.4, noise_remains=True), Mark.UNSURE),
-        (replace(MEMBER, takes=0.4, noise_remains=True, excludes_zero=False), Mark.UNSURE),
-        (replace(MEMBER, takes=0.4, noise_remains=True, refused=True), Mark.UNSURE),
-        (replace(MEMBER, takes=0.4, noise_remains=True, equivalents=("tear",)), Mark.SMALL),
+        # What is small must be probable, with its equivalents, not zero, not refused.
+        (replace(UNLIKELY, takes=0.4), Mark.UNSURE),
+        (replace(UNLIKELY, takes=0.4, together=0.95, equivalents=("tear",)), Mark.SMALL),
+        (replace(MEMBER, takes=0.4, excludes_zero=False), Mark.UNSURE),
+        (replace(MEMBER, takes=0.4, refused=True), Mark.UNSURE),
         # What it takes is not known: no reason to call it small.
-        (replace(MEMBER, takes=float("nan"), noise_remains=True), Mark.NAMED),
+        (replace(MEMBER, takes=float("nan")), Mark.NAMED),
         # The first that is surer: the evidence, then the held-out records.
         (replace(MEMBER, predicts=True), Mark.NAMED),
         (replace(UNLIKELY, equivalents=("tear",)), Mark.ONE_OF),

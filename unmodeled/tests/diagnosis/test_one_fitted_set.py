@@ -210,15 +210,41 @@ def test_a_law_that_is_right_to_some_percent_is_not_refused(parts):
 
 
 @pytest.mark.slow
-def test_beside_the_law_its_small_part_is_told_and_no_imitation():
+def test_two_laws_that_take_little_each_and_much_together_both_matter():
     report = PENDULUM.diagnose(swing(5))
     sizes = {n.cause: n for n in report.named}
-    assert {*sizes} == {"dry friction q"}
+    assert {*sizes} == {"dry friction q", "Stribeck friction q"} == {*report.reported}
     assert sizes["dry friction q"].low < 0.125 < sizes["dry friction q"].high
-    ((small, *_),) = report.small
-    assert small.cause == "Stribeck friction q"
-    assert small.low < 0.075 < small.high
-    assert {*report.reported} == {"dry friction q", "Stribeck friction q"}
+    assert sizes["Stribeck friction q"].low < 0.075 < sizes["Stribeck friction q"].high
+
+
+@pytest.mark.parametrize(("third", "fifth"), [(0.08, 0.08), (0.08, 0.0)])
+def test_a_member_is_small_if_all_small_ones_are_small_together(third, fifth):
+    """Without one of two like laws the other one follows; without both, more than 1 % is left."""
+    u = np.linspace(-1.0, 1.0, 400)
+    records = []
+    for k in range(3):
+        noise = 1e-4 * np.random.default_rng(k).standard_normal(u.size)
+        y = u + third * u**3 + fifth * u**5 + 0.006 * np.cos(3.0 * u) + noise
+        sensors = {"y": Sensor(name="y", sigma=1e-4)}
+        records.append(Record(name=f"r{k}", time=np.arange(u.size) * 0.01, inputs={"u": u},
+                              outputs={"y": y}, sensors=sensors))  # fmt: skip
+    laws = {
+        "third power": lambda r, _: r.inputs["u"] ** 3,
+        "fifth power": lambda r, _: r.inputs["u"] ** 5,
+        "cosine": lambda r, _: np.cos(3.0 * r.inputs["u"]),
+    }
+    effects = [Effect(name=n, component="spring", scale=0.1, regressor=f) for n, f in laws.items()]
+    slope = Parameter(name="slope", value=1.0, sd=0.1)
+    model = LinearModel(output="y", columns={"slope": lambda r: r.inputs["u"]}, parameters=[slope])
+    report = diagnose(model, effects, records)
+    assert {n.cause for (n,) in report.small} == {"cosine"}
+    alike = {"third power", "fifth power"} if fifth else {"third power"}
+    assert {n.cause for n in report.named} == alike
+    if fifth:
+        change = next(c for c in report.changes if c.name == "third power")
+        assert {*change.beside} == {"cosine", "fifth power"}
+        assert "without it, " in str(report)
 
 
 HARDENING = Effect(

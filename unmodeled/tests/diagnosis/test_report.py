@@ -269,11 +269,11 @@ def test_what_is_small_or_unsure_is_told_after_what_is_sure(report):
     ]  # fmt: skip
     said = given.summary()
     assert said.startswith("No cause that matters is missing: the model misses 20 %")
-    small = "The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231): this is sure, and "
+    small = "The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231): this is "
     assert f"{small}small (8.1 % of the motion of angle). Also fitted, and not sure: delay" in said
     assert "delay of sensor angle or J. " in said
     text = given.text(400)
-    assert "it is sure, and takes away less than what matters" in text
+    assert "it takes away less than what matters" in text
     assert "the sensor angle may be 2.10 ms" in text
     assert "whether it is there is not sure" in text
     assert "Clean the joint" not in text.split("(details)")[0].split("\nNext\n")[1]

@@ -115,7 +115,7 @@ def test_at_the_limit_of_time_the_search_looks_at_smaller_sets(spring, causes, m
         raise Stop("late")
 
     looked = []
-    monkeypatch.setattr("unmodeled.search.search._climb", late)
+    monkeypatch.setattr("unmodeled.search.search._Climb.run", late)
     monkeypatch.setattr("unmodeled.search.search._keep_smaller", looked.append)
     problem = prepare(ready_records(spring, [spring_record("r", 2)]), causes, (), Options())
     found = search(problem, Options())

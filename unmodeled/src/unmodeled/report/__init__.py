@@ -94,7 +94,7 @@ REASONS = {
 #: What a line of the list says of changes that are not named.
 UNSURE = {
     "supported": "whether it is the cause is not sure: another law could do the same",
-    "small": "it is sure, and takes away less than what matters",
+    "small": "it takes away less than what matters: another law could do the same",
     "unsure": "it is a part of the fit, and whether it is there is not sure",
 }
 #: Verdicts as words.
@@ -202,7 +202,7 @@ def _last(result: Result) -> str:
     unsure = [c for c in result.changes if c.tier == "unsure"]
     text = ""
     if small:
-        text += f" {_capital(clause(small[0]))}: this is sure, and small"
+        text += f" {_capital(clause(small[0]))}: this is small"
         text += f" ({percent(small[0].takes)} of the motion of {small[0].channel})."
     if unsure:
         so_far = "Best so far" if not result.complete else "Also fitted, and not sure"
@@ -311,7 +311,8 @@ def _item(c: Change) -> str:
         notes.append(f"{'more than 99' if sure == '100' else sure} % sure")
     if not math.isnan(c.takes):
         lost, before, after = math.isinf(c.before), percent(c.before), percent(c.after)
-        less = "the simulation fails without it" if lost else f"{before} without it"
+        it = joined(["it", *c.beside])
+        less = f"the simulation fails without {it}" if lost else f"{before} without {it}"
         left = f"{after} of the motion of {c.channel} is left, and {less}"
         if before == after:
             left = f"it takes away {percent(c.takes)} of the motion of {c.channel}"

@@ -21,9 +21,8 @@ SENTENCES = {
     "at limit": "Its size is at a limit that is none of its law, so that it may imitate another "
     "cause.",
     "zero": "Its 95 % interval contains zero.",
-    "small": "It is surely there, and takes away {takes} of what matters.",
-    "does not matter": "It takes away {takes} of what matters, and what remains is more than the "
-    "noise: it may imitate a part of that.",
+    "small": "It takes away {takes} of what matters.",
+    "does not matter": "It takes away {takes} of what matters, and its odds are not sure.",
     "one of": "The records do not tell it from {equivalents}.",
     "named": "The records tell it from all other candidates.",
     "supported": "The held-out records surely need it, or another law that does the same.",

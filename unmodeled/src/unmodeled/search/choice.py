@@ -169,35 +169,49 @@ def _with_held_out(
 
 
 def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -> None:
-    """The best of the sets that remain of the most probable one and of one that predicts better."""
+    """From the most probable set to sets that surely predict better, each without its idle members.
+
+    Of several, the most probable one is next; the first that is no better without what it does not
+    need ends the climb.
+    """
     _fit_smaller(out, check)
-    starts = [best_of(out.problem, list(out.everything.sets.values()))]
-    starts += _rival(out, starts[0])
-    found = [_pruned(out, now, options, check) for now in starts]
-    best, needs = found[0]
-    for rival, other in found[1:]:
+    best = best_of(out.problem, list(out.everything.sets.values()))
+    best, needs = _pruned(out, best, options, check)
+    seen = {best.causes}
+    while (rival := _rival(out, best, options)) is not None:
+        rival, other = _pruned(out, rival, options, check)
         ratio = _ratio(out, best.causes, rival.causes, rival)
         odds = log_odds(out.problem, rival, best)
-        adds = {*best.causes} <= {*rival.causes} or odds > -_sure(options)
-        if (ratio.low > WORTH and adds) or (ratio.high >= -WORTH and odds > 0.0):
-            best, needs = rival, {**needs, **other}
-        else:
+        better = ratio.low > WORTH and _possible(out, rival, best, options)
+        if rival.causes in seen or not (better or (ratio.high >= -WORTH and odds > 0.0)):
             needs = {**other, **needs}
+            break
+        seen.add(rival.causes)
+        best, needs = rival, {**needs, **other}
     if best.causes and _worse_than_constant(out, best):
         best, out.worse_than_mean = out.alone, True
         needs = {i: replace(n, left=True) for i, n in needs.items()}
     out.best, out.needs = best, needs
 
 
-def _rival(out: Chosen, best: Fitted) -> list[Fitted]:
-    """The most probable of the sets that surely predict better, and as well as the best of them."""
+def _possible(out: Chosen, rival: Fitted, best: Fitted, options: Options) -> bool:
+    """Whether a set that predicts better may take the place of another one.
+
+    It adds to it, or is not surely less probable.
+    """
+    adds = {*best.causes} <= {*rival.causes}
+    return adds or log_odds(out.problem, rival, best) > -_sure(options)
+
+
+def _rival(out: Chosen, best: Fitted, options: Options) -> Fitted | None:
+    """The most probable possible set that surely predicts better; None: there is none."""
     ranked = rank(out.problem, list(out.everything.sets.values()))[0]
-    known = [s for s in ranked if out.predicted.get(s.causes) is not None]
-    better = [s for s in known if _ratio(out, best.causes, s.causes, s).low > WORTH]
-    if not better:
-        return []
-    least = min(better, key=lambda s: _ratio(out, s.causes, (), s).value)
-    return [s for s in better if _ratio(out, s.causes, least.causes, least).low <= WORTH][:1]
+    for s in ranked:
+        known = out.predicted.get(s.causes) is not None
+        better = known and _ratio(out, best.causes, s.causes, s).low > WORTH
+        if better and _possible(out, s, best, options):
+            return s
+    return None
 
 
 def _fit_smaller(out: Chosen, check: Callable[[], None]) -> None:

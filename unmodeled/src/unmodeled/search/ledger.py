@@ -26,7 +26,7 @@ class Mark(Enum):
     SUPPORTED = "supported"
     """Records that were not fitted surely need it, or another law that does the same."""
     SMALL = "small"
-    """It is surely there, and takes away less than what matters."""
+    """It takes away less than what matters, is probable, and its interval excludes zero."""
     UNSURE = "unsure"
     """It is a part of the fit, and none of these."""
 
@@ -68,8 +68,8 @@ class Finding:
     """What it takes away, over what matters [1]."""
     excludes_zero: bool = True
     """Whether its interval excludes zero."""
-    noise_remains: bool = False
-    """Whether nothing but the noise of the sensors remains with the set of the answer."""
+    together: float = 0.0
+    """Probability of the sets that contain it or one of its equivalents [1]."""
     equivalents: tuple[str, ...] = ()
     """Causes that the records do not tell apart from it."""
     stands_for: tuple[str, ...] = ()
@@ -161,10 +161,11 @@ RULES: tuple[Rule, ...] = (
          "size at a limit that is none of its law"),
     Rule("zero", Mark.UNSURE, lambda f: not f.excludes_zero and not f.equivalents
          and not f.predicts, "interval of 95 % that contains zero"),
-    Rule("small", Mark.SMALL, lambda f: f.takes < 1.0 and _probable(f) and f.excludes_zero
-         and f.noise_remains and not f.refused, "takes away less than what matters"),
+    Rule("small", Mark.SMALL, lambda f: f.takes < 1.0 and f.together >= f.credibility
+         and f.excludes_zero and not f.refused,
+         "takes away less than what matters, at the probability of the credibility or more"),
     Rule("does not matter", Mark.UNSURE, lambda f: f.takes < 1.0 and not f.predicts,
-         "takes away less than what matters, and more than the noise remains"),
+         "takes away less than what matters"),
     Rule("one of", Mark.ONE_OF, lambda f: bool(f.equivalents), "log evidence within 1"),
     Rule("named", Mark.NAMED, _probable, "probability of the credibility or more"),
     Rule("supported", Mark.SUPPORTED, lambda f: f.predicts,

@@ -205,6 +205,8 @@ class NamedCause:
     remedy: str = ""
     changes: str = ""
     """Parameter of the model that is this cause, also under the name of an effect; "": none."""
+    ratio: float = 1.0
+    """Change of this parameter per magnitude of the effect that is its other name."""
     kind: str = "force"
     """Kind of the effect; "parameter", or "sensor" also for an error of each record."""
     title: str = ""
@@ -232,6 +234,8 @@ class Without:
     """Rms without it by channel [its unit]; infinite: the simulation fails."""
     after: tuple[float, ...]
     """With all changes [its unit]."""
+    beside: tuple[str, ...] = ()
+    """Causes that are left out too: alone, each of them takes less than what matters."""
 
 
 def takes_over(channels: Sequence[Channel], without: Without) -> float:
@@ -268,8 +272,8 @@ class Change:
     tier: Tier
     """``named``: the records tell it from all listed causes; ``one of``: not from its equivalents;
     ``supported``: it predicts held-out records better, whether it is the cause or not; ``fitted``:
-    a parameter whose interval excludes its tabulated value; ``small``: it is there, and takes away
-    less than what matters; ``unsure``: a part of the fit, and none of these."""
+    a parameter whose interval excludes its tabulated value; ``small``: it is probable, and takes
+    away less than what matters; ``unsure``: a part of the fit, and none of these."""
     unit: str
     size: float
     """Change of the parameter, or magnitude of the effect [unit]."""
@@ -291,6 +295,8 @@ class Change:
     """Residual without the change, as a share of the motion of this output [1]."""
     after: float = math.nan
     """Residual with all changes [1]."""
+    beside: tuple[str, ...] = ()
+    """Changes that ``before`` is without, too."""
     takes: float = math.nan
     """Rms of what it takes away [1]; NaN: it is not known."""
     matters: bool = True
@@ -416,7 +422,7 @@ class Result:
     """Causes that are not named, each of which surely improves the prediction of held-out records,
     together with the others."""
     small: tuple[tuple[NamedCause, ...], ...] = ()
-    """Causes that are surely there and take away less than what matters, with equivalents."""
+    """Causes that take away less than what matters, with equivalents."""
     unsure: tuple[tuple[NamedCause, ...], ...] = ()
     """Other causes of the set of the answer, with equivalents."""
     findings: tuple[Finding, ...] = ()
@@ -512,31 +518,21 @@ class Result:
     def _change(self, n: NamedCause, tier: Tier, p: ParameterValue | None = None) -> Change:
         """A change with what it takes away of the channel where this matters most."""
         p = p or next((p for p in self.parameters if p.name == n.changes), None)
-        at = p.tabulated if p is not None and n.parameter else 0.0
         found = Change(
             name=n.cause,
-            title=(n.title if p is None else p.title) or n.cause,
             component=n.component,
-            kind=n.kind if p is None else "parameter",
             tier=tier,
-            unit=n.unit,
-            size=n.magnitude - at,
-            low=n.low - at,
-            high=n.high - at,
-            tabulated=at,
-            relative=n.unit == "1"
-            and (n.relative or n.kind in ("sensor", "input") if p is None else p.relative),
-            user_unit=n.user_unit,
-            tolerances=p.tolerances if p is not None and 0.0 < p.sd < math.inf else math.nan,
             probability=n.probability,
             shape=n.shape,
             shape_names=n.shape_names,
-            by_record=() if n.subject.scope.records else n.by_record,
             records=self.records if n.subject.scope.each else (),
             subject=n.subject,
             mechanism=n.mechanism,
             remedy=n.remedy,
+            **(_of_effect(n) if p is None else _of_parameter(n, p)),
         )
+        if n.subject.scope.records:
+            found = replace(found, by_record=())
         left = next((w for w in self.without if w.name == n.cause), None)
         if left is None:
             return found
@@ -547,6 +543,7 @@ class Result:
             channel=c.name,
             before=c.share(left.before[k]),
             after=c.share(left.after[k]),
+            beside=left.beside,
             takes=c.share(taken),
             matters=ratio > 1.0,
         )
@@ -564,6 +561,45 @@ class Result:
     def to_json(self) -> str:
         """The result as a JSON text; ``seconds`` apart, equal input gives equal text."""
         return json.dumps(self.as_dict(), indent=1, ensure_ascii=False) + "\n"
+
+
+def _of_effect(n: NamedCause) -> dict[str, Any]:
+    """What a change has of an effect or an error of the records."""
+    return {
+        "title": n.title or n.cause,
+        "kind": n.kind,
+        "unit": n.unit,
+        "size": n.magnitude,
+        "low": n.low,
+        "high": n.high,
+        "tabulated": 0.0,
+        "relative": n.unit == "1" and (n.relative or n.kind in ("sensor", "input")),
+        "user_unit": n.user_unit,
+        "tolerances": math.nan,
+        "by_record": n.by_record,
+    }
+
+
+def _of_parameter(n: NamedCause, p: ParameterValue) -> dict[str, Any]:
+    """What a change has of a parameter, in the sense of its title."""
+    at = p.tabulated if n.parameter else 0.0
+    unit, ratio, user_unit = n.unit, 1.0, n.user_unit
+    if n.unit == p.unit or n.ratio < 0.0:
+        unit, ratio, user_unit = p.unit, n.ratio, p.user_unit
+    low, high = sorted((ratio * (n.low - at), ratio * (n.high - at)))
+    return {
+        "title": p.title or n.cause,
+        "kind": "parameter",
+        "unit": unit,
+        "size": ratio * (n.magnitude - at),
+        "low": low,
+        "high": high,
+        "tabulated": at,
+        "relative": unit == "1" and p.relative,
+        "user_unit": user_unit,
+        "tolerances": p.tolerances if 0.0 < p.sd < math.inf else math.nan,
+        "by_record": tuple(ratio * v for v in n.by_record),
+    }
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cache
 
 import numpy as np
 
@@ -117,14 +116,8 @@ def search(
     found = Searched(problem)
     _keep(found, [now])
     try:
-        _climb(
-            problem,
-            options,
-            found,
-            now,
-            Limit(begin + ENDS["search"] * options.seconds, step),
-            tell,
-        )
+        limit = Limit(begin + ENDS["search"] * options.seconds, step)
+        _Climb(found, now, options, limit).run(tell)
     except (Stop, KeyboardInterrupt) as stop:
         found.ended_by = stop
         if not interrupted(stop):
@@ -319,14 +312,11 @@ def _with(origin: Fitted, *added: Score) -> Members:
     return tuple(sorted((*origin.members, *new), key=lambda m: m.cause))
 
 
-def _refit(
-    problem: Problem,
-    found: Searched,
-    jobs: Sequence[Job],
-    check: Callable[[], None],
+def refit(
+    found: Searched, jobs: Sequence[Job], check: Callable[[], None] = lambda: None
 ) -> list[Fitted | None]:
     """Fit sets from others, each once from each, and keep the best fit of every set."""
-    todo = []
+    todo, problem = [], found.problem
     for members, origin, added in jobs:
         key = tuple(m.cause for m in members)
         if (key, origin.serial) in found.tried or found.sets.get(key) is origin:
@@ -357,7 +347,7 @@ def without_one(
     jobs: list[Job] = [
         (tuple(m for m in fitted.members if m is not out), fitted, ()) for out in fitted.members
     ]
-    return _refit(found.problem, found, jobs, check)
+    return refit(found, jobs, check)
 
 
 def with_all_records(
@@ -410,7 +400,7 @@ def with_all_records(
     best = best_of(everything, list(out.sets.values()))
     smaller = [s for s in out.sets.values() if set(s.causes) < set(best.causes)]
     try:
-        _refit(everything, out, [(s.members, best, ()) for s in smaller], check)
+        refit(out, [(s.members, best, ()) for s in smaller], check)
         _add_held_out_scopes(found, out, best_of(everything, list(out.sets.values())), check)
         without_one(out, best_of(everything, list(out.sets.values())), check)
     except Stop as stop:
@@ -438,14 +428,14 @@ def _add_held_out_scopes(
     ranked = scores(everything, best, seen)
     new = [s for s in ranked if (r := everything.causes[s.cause].records) and not r & shown]
     jobs: list[Job] = [(_with(best, s), best, (s,)) for s in new[:4]]
-    fits = [f for f in _refit(everything, out, jobs, check) if f is not None]
+    fits = [f for f in refit(out, jobs, check) if f is not None]
     if not fits:
         return
     now = best_of(everything, fits)
     (cause,) = {*now.causes} - {*best.causes}
     alike = [s for s, _ in equivalents(everything, now, seen, cause)]
     found.alike += [frozenset((cause, s.cause)) for s in alike]
-    _refit(everything, out, [(_with(best, s), now, (s,)) for s in alike], check)
+    refit(out, [(_with(best, s), now, (s,)) for s in alike], check)
 
 
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
@@ -462,89 +452,109 @@ def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score
     return [s for s in ranked if s.cause not in too_many][:count]
 
 
-def _climb(
-    problem: Problem,
-    options: Options,
-    found: Searched,
-    now: Fitted,
-    check: Callable[[], None],
-    tell: Callable[[str], None],
-) -> None:
-    """Add the best of some causes, drop those that are not needed any more, and so on.
+class _Climb:
+    """Adds the best of some causes, drops those that are not needed any more, and so on.
 
     When nothing more gains, each cause of the set is exchanged for those that resemble it.
     """
 
-    def gain(s: Fitted, over: Fitted) -> float:
-        return log_odds(problem, s, over)
+    def __init__(
+        self, found: Searched, now: Fitted, options: Options, check: Callable[[], None]
+    ) -> None:
+        self.found, self.now, self.options, self.check = found, now, options, check
+        self.problem = found.problem
+        self._strict = replace(found.problem, discrepancy_samples=STRICT)
+        self._scored: dict[int, tuple[list[Score], Directions]] = {}
 
-    strict = replace(problem, discrepancy_samples=STRICT)
+    def run(self, tell: Callable[[str], None]) -> None:
+        """The whole climb; ``tell`` is called with the stage."""
+        tell("search")
+        while len(self.now.members) < self.options.max_effects:
+            before = self.now
+            if not self._add():
+                break
+            self._drop(before)
+            if self.now.causes == before.causes and self._gain(self.now, before) <= 0.0:
+                break
+        self.found.grown = True
+        while self.now.members:
+            tell("exchange")
+            if not self._exchange():
+                break
+        if self.now.members:
+            self._fit([((), self.now, ())])
 
-    def sure(s: Fitted) -> bool:
-        """Whether a set with a cause of some records has the strict evidence: others go on."""
-        new = [i for i in s.causes if problem.causes[i].records and i not in now.causes]
-        return not new or log_odds(strict, s, now) > WORTH
+    def _gain(self, s: Fitted, over: Fitted) -> float:
+        return log_odds(self.problem, s, over)
 
-    @cache
-    def scored(fitted: Fitted) -> tuple[list[Score], Directions]:
-        check()
-        seen = directions(problem, fitted, found.directions)
-        found.directions = found.directions or seen
-        return scores(problem, fitted, seen), seen
+    def _fit(self, jobs: Sequence[Job]) -> list[Fitted]:
+        return [f for f in refit(self.found, jobs, self.check) if f is not None]
 
-    def tried(fitted: Fitted) -> list[Job]:
+    def _less(self, origin: Fitted) -> list[Fitted]:
+        return [f for f in without_one(self.found, origin, self.check) if f is not None]
+
+    def _scores(self, fitted: Fitted) -> tuple[list[Score], Directions]:
+        """What a set may lack, the best first, and the directions at its fit."""
+        if fitted.serial not in self._scored:
+            self.check()
+            seen = directions(self.problem, fitted, self.found.directions)
+            self.found.directions = self.found.directions or seen
+            self._scored[fitted.serial] = scores(self.problem, fitted, seen), seen
+        return self._scored[fitted.serial]
+
+    def _tried(self, fitted: Fitted) -> list[Job]:
         """Single causes and pairs that a set may lack."""
-        ranked, seen = scored(fitted)
+        ranked, seen = self._scores(fitted)
         if fitted.effective > NEARLY:  # of noise, a cause takes away what it does to first order
-            ranked = [s for s in ranked if s.gain + problem.causes[s.cause].log_odds > 0.0]
-        some = [(s,) for s in _choose(problem, ranked, options.tries)]
-        two = pairs(problem, fitted, seen, ranked)[: options.tries]
-        room = options.max_effects - len(fitted.members)
-        return [(_with(fitted, *a), fitted, a) for a in (*some, *(two if room > 1 else ()))]
+            causes = self.problem.causes
+            ranked = [s for s in ranked if s.gain + causes[s.cause].log_odds > 0.0]
+        added: list[tuple[Score, ...]] = [
+            (s,) for s in _choose(self.problem, ranked, self.options.tries)
+        ]
+        if self.options.max_effects - len(fitted.members) > 1:
+            added += pairs(self.problem, fitted, seen, ranked)[: self.options.tries]
+        return [(_with(fitted, *some), fitted, some) for some in added]
 
-    def less(origin: Fitted) -> list[Fitted]:
-        return [f for f in without_one(found, origin, check) if f is not None]
+    def _sure(self, s: Fitted) -> bool:
+        """Whether a set with a cause of some records has the strict evidence: others go on."""
+        new = {*s.causes} - {*self.now.causes}
+        scoped = any(self.problem.causes[i].records for i in new)
+        return not scoped or log_odds(self._strict, s, self.now) > WORTH
 
-    tell("search")
-    while len(now.members) < options.max_effects:  # add
-        jobs, first = tried(now), not found.first
-        found.first = found.first or scored(now)[0]
-        fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
-        if first and (plain := _tabulated(problem, now, check)) is not None:
-            fits += [f for f in _refit(problem, found, tried(plain), check) if f is not None]
-        fits = [f for f in fits if sure(f)]
-        if not fits:
-            break
-        best = best_of(problem, fits)
-        if gain(best, now) < WORTH:
-            break
-        before, now = now, best
-        while now.members:  # drop
-            smaller = less(now)
-            if not smaller:
-                break
-            best = best_of(problem, smaller)
-            if gain(best, now) < (WORTH if best.causes == before.causes else 0.0):
-                break
-            now = best
-        if now.causes == before.causes and gain(now, before) <= 0.0:
-            break
-    found.grown = improved = True
-    while improved and now.members:  # exchange
-        improved = False
-        tell("exchange")
-        for out in now.members:
-            rest = next((f for f in less(now) if out.cause not in f.causes), None)
+    def _add(self) -> bool:
+        """Take the best larger set; False: none gains."""
+        jobs, first = self._tried(self.now), not self.found.first
+        self.found.first = self.found.first or self._scores(self.now)[0]
+        fits = self._fit(jobs)
+        if first:
+            plain = _tabulated(self.problem, self.now, self.check)
+            fits += [] if plain is None else self._fit(self._tried(plain))
+        fits = [f for f in fits if self._sure(f)]
+        if not fits or self._gain(best := best_of(self.problem, fits), self.now) < WORTH:
+            return False
+        self.now = best
+        return True
+
+    def _drop(self, before: Fitted) -> None:
+        """Leave out causes that gain nothing any more."""
+        while self.now.members and (smaller := self._less(self.now)):
+            best = best_of(self.problem, smaller)
+            if self._gain(best, self.now) < (WORTH if best.causes == before.causes else 0.0):
+                return
+            self.now = best
+
+    def _exchange(self) -> bool:
+        """Exchange one cause for one that resembles it; False: no exchange gains."""
+        for out in self.now.members:
+            rest = next((f for f in self._less(self.now) if out.cause not in f.causes), None)
             if rest is None:
                 continue
-            nearest = [s for s in scored(rest)[0][:3] if s.cause != out.cause]
-            jobs = [(_with(rest, s), rest, (s,)) for s in nearest]
-            fits = [f for f in _refit(problem, found, jobs, check) if f is not None]
-            if fits and gain(best := best_of(problem, fits), now) > CONVERGED:
-                now, improved = best, True
-                break
-    if now.members:
-        _refit(problem, found, [((), now, ())], check)
+            nearest = [s for s in self._scores(rest)[0][:3] if s.cause != out.cause]
+            fits = self._fit([(_with(rest, s), rest, (s,)) for s in nearest])
+            if fits and self._gain(best := best_of(self.problem, fits), self.now) > CONVERGED:
+                self.now = best
+                return True
+        return False
 
 
 def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]) -> None:
@@ -568,4 +578,4 @@ def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]
             found.alike.append(frozenset((member.cause, score.cause)))
             members = (*rest, Member(score.cause, score.shape))
             jobs.append((tuple(sorted(members, key=lambda m: m.cause)), now, (score,)))
-    _refit(problem, found, jobs, check)
+    refit(found, jobs, check)

@@ -47,7 +47,7 @@ from unmodeled.search.result import (
     worst_of,
 )
 from unmodeled.search.score import by_record, index_of
-from unmodeled.search.search import Searched, linked, rank
+from unmodeled.search.search import Searched, linked, rank, refit
 from unmodeled.search.tolerances import (
     Combination,
     Posterior,
@@ -61,8 +61,6 @@ from unmodeled.search.tolerances import (
 CLASS = 6
 #: Difference of the log likelihoods below which two causes are equal.
 EQUAL = 1.0
-#: Multiple of the noise up to which nothing but the noise remains.
-ONLY_NOISE = 1.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +101,7 @@ def judge(
     problem, best = answer.problem, answer.best
     searched.answer = problem, chosen.alone, best
     channels = _channels(answer, options)
-    without = _without(answer)
+    without = _together(answer, channels, _without(answer), check)
     changed, of_parameters = _changed(answer, options)
     without += of_parameters
     findings = _findings(answer, channels, without, options)
@@ -216,7 +214,6 @@ def _findings(
         rank(replace(chosen.problem, discrepancy_samples=f * STRICT), answer.sets)
         for f in (0.5, 2.0)
     ]
-    noise = all(c.explained <= ONLY_NOISE * c.noise for c in channels if c.noise > 0.0)
     out = []
     for i, cause in enumerate(problem.causes):
         need = chosen.needs.get(i, Need())
@@ -253,7 +250,7 @@ def _findings(
                 at_limit=_at_limit(problem, answer.best, i),
                 takes=taken.get(cause.name, math.nan),
                 excludes_zero=_excludes_zero(answer, i),
-                noise_remains=noise,
+                together=_probability(answer.sets, answer.weight, i, *answer.groups.get(i, ())),
                 equivalents=tuple(problem.causes[k].name for k in answer.groups.get(i, ())),
             )
         out.append(marked(found))
@@ -266,9 +263,10 @@ def _not_tried(problem: Problem, findings: Sequence[Finding]) -> tuple[str, ...]
     return tuple(f.cause for f in findings if not f.fitted and f.cause in laws)
 
 
-def _probability(sets: Sequence[Fitted], weight: Array, cause: int) -> float:
-    """Probability of the sets with a cause."""
-    return float(sum(w for s, w in zip(sets, weight, strict=True) if cause in s.causes))
+def _probability(sets: Sequence[Fitted], weight: Array, *causes: int) -> float:
+    """Probability of the sets with one of these causes."""
+    own = (w for s, w in zip(sets, weight, strict=True) if not {*causes}.isdisjoint(s.causes))
+    return min(float(sum(own)), 1.0)
 
 
 def _excludes_zero(answer: Answer, cause: int) -> bool:
@@ -345,6 +343,55 @@ def _without(answer: Answer) -> list[Without]:
             before = tuple(map(float, _rms(problem, rest)))
         out += [Without(c.name, before, after) for c in group]
     return out
+
+
+def _together(
+    answer: Answer,
+    channels: Sequence[Channel],
+    without: Sequence[Without],
+    check: Callable[[], None],
+) -> list[Without]:
+    """What is left without each member, where those that take little alone take much together.
+
+    Two laws that do nearly the same take little each. If all members that take less than what
+    matters take more together, each matters without which the others of them take less.
+    """
+    found, problem = {w.name: w for w in without}, answer.problem
+
+    def over(cause: int, before: tuple[float, ...]) -> float:
+        return takes_over(channels, replace(found[problem.causes[cause].name], before=before))
+
+    def names(causes: Collection[int]) -> list[str]:
+        return [problem.causes[i].name for i in causes]
+
+    little = [i for i, n in zip(answer.best.causes, names(answer.best.causes), strict=True)
+              if takes_over(channels, found[n]) < 1.0]  # fmt: skip
+    if len(little) < 2:
+        return list(found.values())
+    try:
+        whole = _left_without(answer, little, check)
+        if over(little[0], whole) < 1.0:
+            return list(found.values())
+        rest = {i: [k for k in little if k != i] for i in little}
+        matter = [i for i in little if over(i, _left_without(answer, rest[i], check)) < 1.0]
+    except (Stop, KeyboardInterrupt) as stop:
+        answer.chosen.searched.ended_by = stop
+        return list(found.values())
+    for i in matter or little:
+        for name in names([i, *answer.groups.get(i, ())]):
+            found[name] = replace(found[name], before=whole, beside=tuple(names(rest[i])))
+    return list(found.values())
+
+
+def _left_without(
+    answer: Answer, causes: Collection[int], check: Callable[[], None]
+) -> tuple[float, ...]:
+    """Residual by channel of the set without some members; infinite: it cannot be fitted."""
+    kept = tuple(m for m in answer.best.members if m.cause not in causes)
+    (fitted,) = refit(answer.chosen.everything, [(kept, answer.best, ())], check)
+    if fitted is None:
+        return (math.inf,) * len(answer.problem.channels)
+    return tuple(map(float, _rms(answer.problem, fitted)))
 
 
 def _changed(
@@ -674,6 +721,7 @@ def _named(answer: Answer, fitted: Fitted, own: Posterior, cause: int) -> NamedC
         by_record=tuple(zero + scale * v for v in _by_record(problem, fitted, k)),
         parameter=words is None,
         changes=changes,
+        ratio=1.0 if found.alias is None else found.alias.tolerance_ratio,
         mechanism="" if words is None else words.mechanism,
         remedy="" if words is None else words.remedy,
         kind="parameter" if words is None else words.kind,
