@@ -24,6 +24,7 @@ from blind.imperfect.machines import TABLES
 from blind.marks import Cause, Truth, without_nan
 from blind.yardstick_sets import SETS as BLIND
 from blind.yardstick_sets import small
+from causes import robots
 from unmodeled import Options, Record, Sensor
 from unmodeled.data import read_record, write_record
 from unmodeled.loading import load_model
@@ -328,4 +329,11 @@ SETS: Mapping[str, Callable[[], list[Case]]] = {
     "measured": functools.cache(lambda: _tasks("measured", MEASURED)),
     "machines": functools.cache(_machines),
     "questions": functools.cache(lambda: _tasks("trials", QUESTIONS)),
+    "robots": functools.cache(
+        lambda: [
+            Case(f"robot-{n}", robot.make, robots.MODEL, {"robot.xml": robot.xml})
+            for n in range(len(robots.FAULTS))
+            for robot in (robots.Robot(n),)
+        ]
+    ),
 }
