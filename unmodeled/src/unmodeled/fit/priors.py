@@ -22,16 +22,6 @@ from unmodeled.errors import InvalidParameter, near_names
 from unmodeled.models.model import Candidate, Effect, Model, Parameter, prior_jobs
 from unmodeled.units import conversion_factor, same_unit, spelled_unit, stays_beside, to_si
 
-__all__ = [
-    "Bounds",
-    "Exposed",
-    "Priors",
-    "Stated",
-    "Unknowns",
-    "sized",
-    "stated",
-]
-
 V = TypeVar("V")
 #: Parameters with their priors: ``(value, sd, unit)`` by name, or a list of :class:`Parameter`.
 Priors = Sequence[Parameter] | Mapping[str, Any]
