@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from unmodeled.cli.options import (
     argument,
     count,
     declare,
+    fields_of,
     option,
     pairs,
     parse_option,
@@ -39,7 +41,7 @@ from unmodeled.cli.screen import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from feltmb.keyboard import Balance, VelocityCurve
+    from feltmb.keyboard import Balance, Keyboard, VelocityCurve
 
 
 class _Keyboard(click.Group):
@@ -60,21 +62,6 @@ def command() -> None:
     """
 
 
-RATIO = option("Key ratio of keys without a measured one; default: 0.5.", Number(0.3, 0.8))
-WHIPPEN = option(
-    "Whippen radius weight of keys without a measured one [kg], such as 19.5g; default: 18.5 g.",
-    Quantity("kg", 0.005, 0.04),
-    words="--whippen",
-)
-
-
-def _analyzed(file: Path, key_ratio: float | None, whippen: float | None) -> Balance:
-    from feltmb.keyboard import analyze, read_keyboard
-
-    weight = None if whippen is None else 1e3 * whippen
-    return analyze(read_keyboard(file), key_ratio=key_ratio, whippen_weight=weight)
-
-
 def _points(option: str, texts: tuple[str, ...]) -> Any:
     """A wanted curve [g]: a number, the name of a level, or numbers by key; None: not given."""
     if not texts:
@@ -88,50 +75,75 @@ def _points(option: str, texts: tuple[str, ...]) -> Any:
     }
 
 
-def _work(
-    balance: Balance,
-    target: tuple[str, ...],
-    hammers: tuple[str, ...],
-    fronts: tuple[str, ...],
-    leads: tuple[str, ...],
-    lead_at: float,
-) -> pd.DataFrame:
-    from feltmb.keyboard import list_of_work
+@dataclass(frozen=True)
+class Measured:
+    """What keys have that was not measured."""
 
-    return list_of_work(
-        balance,
-        target=_points("--target", target),
-        hammers=_points("--hammers", hammers),
-        fronts=_points("--fronts", fronts),
-        leads=[1e3 * parse_option("--leads", text, "kg") for text in leads],
-        lead_at=lead_at,
+    key_ratio: float | None = option(
+        "Key ratio of keys without a measured one; default: 0.5.", Number(0.3, 0.8)
+    )
+    whippen: float | None = option(
+        "Whippen radius weight of keys without a measured one [kg], such as 19.5g; default: "
+        "18.5 g.",
+        Quantity("kg", 0.005, 0.04),
+        words="--whippen",
     )
 
+    def balance(self, keyboard: Path | Keyboard) -> Balance:
+        """The analyzed weights of a file, or of a keyboard."""
+        from feltmb.keyboard import analyze, read_keyboard
 
-TARGET = option(
-    "Wanted balance as played, such as 38g, or points of a curve, such as 1=42g,88=36g; default: "
-    "the smooth curve.",
-    words="--target",
-    metavar="CURVE",
-)
-HAMMERS = option(
-    "Wanted strike weight: a level of D. Stanwood, 1 to 13, a weight, or points such as "
-    "1=11g,88=5g; default: the smooth curve.",
-    words="--hammers",
-    metavar="CURVE",
-)
-FRONTS = option(
-    "Wanted front weight in place of a balance: a level of D. Stanwood, 5 to 9, a weight, or "
-    "points.",
-    words="--fronts",
-    metavar="CURVE",
-)
-LEADS = option(
-    "Masses of the leads at hand, such as 8g,14g; their places are told. Default: lead of any "
-    "mass at --lead-at.",
-    words="--leads",
-    metavar="MASS",
-)
+        keyboard = read_keyboard(keyboard) if isinstance(keyboard, Path) else keyboard
+        weight = None if self.whippen is None else 1e3 * self.whippen
+        return analyze(keyboard, key_ratio=self.key_ratio, whippen_weight=weight)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the work is to reach, and the leads at hand."""
+
+    target: tuple[str, ...] = option(
+        "Wanted balance as played, such as 38g, or points of a curve, such as 1=42g,88=36g; "
+        "default: the smooth curve.",
+        words="--target",
+        metavar="CURVE",
+    )
+    hammers: tuple[str, ...] = option(
+        "Wanted strike weight: a level of D. Stanwood, 1 to 13, a weight, or points such as "
+        "1=11g,88=5g; default: the smooth curve.",
+        words="--hammers",
+        metavar="CURVE",
+    )
+    fronts: tuple[str, ...] = option(
+        "Wanted front weight in place of a balance: a level of D. Stanwood, 5 to 9, a weight, or "
+        "points.",
+        words="--fronts",
+        metavar="CURVE",
+    )
+    leads: tuple[str, ...] = option(
+        "Masses of the leads at hand, such as 8g,14g; their places are told. Default: lead of any "
+        "mass at --lead-at.",
+        words="--leads",
+        metavar="MASS",
+    )
+    lead_at: float = option("Distance of added lead from the balance pin [m].", positive("m"), 0.14)
+
+    def work(self, balance: Balance) -> pd.DataFrame:
+        """The list of work."""
+        from feltmb.keyboard import list_of_work
+
+        return list_of_work(
+            balance,
+            target=_points("--target", self.target),
+            hammers=_points("--hammers", self.hammers),
+            fronts=_points("--fronts", self.fronts),
+            leads=[1e3 * parse_option("--leads", text, "kg") for text in self.leads],
+            lead_at=self.lead_at,
+        )
+
+
+MEASURED = fields_of("feltmb.cli.keyboard:Measured")
+WANTED = fields_of("feltmb.cli.keyboard:Wanted")
 BASE = option(
     "Action whose lengths and felts are used.",
     default="grand_action",
@@ -139,7 +151,6 @@ BASE = option(
     metavar="ACTION",
     complete=actions,
 )
-LEAD_AT = option("Distance of added lead from the balance pin [m].", positive("m"), 0.14)
 #: Order of the work.
 PARTS = ("friction", "hammer", "spring", "lead")
 
@@ -147,13 +158,8 @@ PARTS = ("friction", "hammer", "spring", "lead")
 @declare("weights", command, "Balance, outliers, list of work of a keyboard.")
 def weights(
     file: Path = argument(),
-    key_ratio: float | None = RATIO,
-    whippen: float | None = WHIPPEN,
-    target: tuple[str, ...] = TARGET,
-    hammers: tuple[str, ...] = HAMMERS,
-    fronts: tuple[str, ...] = FRONTS,
-    leads: tuple[str, ...] = LEADS,
-    lead_at: float = LEAD_AT,
+    measured: Measured = MEASURED,
+    wanted: Wanted = WANTED,
     order: str = option(
         "Order of the list: by key, or by work.", click.Choice(["key", "work"]), "key", words="--by"
     ),
@@ -181,8 +187,8 @@ def weights(
     from feltmb.keyboard.strip import draw_strip
 
     check_targets(out, pictures=(image, strip), force=force)
-    balance = _analyzed(file, key_ratio, whippen)
-    work = _work(balance, target, hammers, fronts, leads, lead_at)
+    balance = measured.balance(file)
+    work = wanted.work(balance)
     if order == "work":
         work = work.sort_values("part", key=lambda p: p.map(PARTS.index), kind="stable")
     if as_json:
@@ -231,13 +237,8 @@ def touch(
         "Keys, such as 4,40; default: ten of them.", words="--keys", metavar="KEY"
     ),
     base: str = BASE,
-    key_ratio: float | None = RATIO,
-    whippen: float | None = WHIPPEN,
-    target: tuple[str, ...] = TARGET,
-    hammers: tuple[str, ...] = HAMMERS,
-    fronts: tuple[str, ...] = FRONTS,
-    leads: tuple[str, ...] = LEADS,
-    lead_at: float = LEAD_AT,
+    measured: Measured = MEASURED,
+    wanted: Wanted = WANTED,
     out: Path | None = option("Write the table.", FileName(".csv"), metavar="FILE"),
     force: bool = FORCE,
 ) -> None:
@@ -245,15 +246,12 @@ def touch(
 
     The weights are those after the work; lengths, felts and screws are those of a packaged action.
     """
-    from feltmb.keyboard import after_work, analyze, touch_of_keys
+    from feltmb.keyboard import after_work, touch_of_keys
     from feltmb.keyboard.note import TEN_KEYS
 
     check_targets(out, force=force)
-    now = _analyzed(file, key_ratio, whippen)
-    done = after_work(now, _work(now, target, hammers, fronts, leads, lead_at))
-    then = analyze(
-        done, key_ratio=key_ratio, whippen_weight=None if whippen is None else 1e3 * whippen
-    )
+    now = measured.balance(file)
+    then = measured.balance(after_work(now, wanted.work(now)))
     chosen = [round(parse_option("--keys", key, "1")) for key in keys] or [
         k for k in TEN_KEYS if k <= len(now.frame)
     ]
@@ -281,8 +279,7 @@ def action(
     file: Path = argument(),
     key: int = argument(count(1, 108)),
     base: str = BASE,
-    key_ratio: float | None = RATIO,
-    whippen: float | None = WHIPPEN,
+    measured: Measured = MEASURED,
     out: Path | None = option("Mechanism file to be written.", FileName(".toml")),
     force: bool = FORCE,
 ) -> None:
@@ -294,7 +291,7 @@ def action(
     from feltmb.keyboard import action_of_key
 
     check_targets(out, force=force)
-    balance = _analyzed(file, key_ratio, whippen)
+    balance = measured.balance(file)
     with working("measuring") as progress:
         made = action_of_key(balance, key, base, progress=progress)
     show(

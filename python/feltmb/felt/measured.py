@@ -418,6 +418,15 @@ def _side_faults(sides: Mapping[str, NDArray[np.intp]]) -> list[str]:
     return faults
 
 
+def _faults_beyond(e: Array, sides: Mapping[str, NDArray[np.intp]], zero: float) -> Iterator[str]:
+    for side, at in sides.items():
+        if (number := int(np.sum(e[at] > 0.0))) < LEAST:
+            yield (
+                f"zero = {zero:.6g} m: {number} samples of {side} beyond it, expected at least "
+                f"{LEAST}"
+            )
+
+
 def _zero_faults(x: Array, zero: float | None) -> Iterator[str]:
     least, most = float(np.min(x)), float(np.max(x))
     if zero is not None and not 2.0 * least - most <= zero < most:
@@ -462,12 +471,7 @@ def _measured_loop(
     zero, offset = contact.zero, contact.level
     drift = drift_of(x, f, clock, zero)
     e, f = x - zero, f - offset - (0.0 if drift is None else drift.force)
-    beyond = {side: int(np.sum(e[at] > 0.0)) for side, at in sides.items()}
-    _refuse(
-        f"zero = {zero:.6g} m: {number} samples of {side} beyond it, expected at least {LEAST}"
-        for side, number in beyond.items()
-        if number < LEAST
-    )
+    _refuse(_faults_beyond(e, sides, zero))
     end = float(np.max(e))
     grid = end * np.linspace(0.0, 1.0, points) ** 2
     back = unloading

@@ -339,6 +339,7 @@ def _indices(value: Any, where: str) -> Any:
     return array
 
 
+_ANY = _Kind("any value", lambda value, _: value)
 _NUMBER = _Kind("a number", _any_number)
 _FINITE = _Kind("a finite number", _finite)
 _ARRAY = _Kind("an array of numbers", _array)
@@ -417,30 +418,35 @@ def _sequence(kinds: list[_Kind | None], name: str, fixed: bool) -> _Kind:
             value = tuple(value)
         items = _items(value, where, text)
         if numeric:
-            array = _as_array(items, where)
-            if array.ndim != 1:
-                raise _Refused(where, value, "a sequence of numbers")
-            if kinds[0] is _FINITE:
-                for i, number in enumerate(array.tolist()):
-                    _finite(number, f"{where}[{i}]")
+            _check_numbers(items, value, where, finite=kinds[0] is _FINITE)
         elif fixed and kinds and len(items) != len(kinds):
             raise _Refused(where, value, text)
         elif any(kinds):
-            each = kinds if fixed else kinds * len(items)
-            pairs = [*zip(items, each, strict=False)]
-            try:
-                after = [v if kind is None else kind.check(v, where) for v, kind in pairs]
-            except _Refused:
-                for i, (inner, kind) in enumerate(pairs):  # which of them
-                    if kind is not None:
-                        kind.check(inner, f"{where}[{i}]")
-                raise
-            # A list to which the function appends results remains the caller's.
-            same = all(new is old for new, old in zip(after, items, strict=False))
-            items = items if same and isinstance(items, list) else after
+            items = _checked_items(items, kinds if fixed else kinds * len(items), where)
         return tuple(items) if name == "tuple" else items
 
     return _Kind(text, check)
+
+
+def _check_numbers(items: Any, value: Any, where: str, *, finite: bool) -> None:
+    array = _as_array(items, where)
+    if array.ndim != 1:
+        raise _Refused(where, value, "a sequence of numbers")
+    for i, number in enumerate(array.tolist() if finite else ()):
+        _finite(number, f"{where}[{i}]")
+
+
+def _checked_items(items: Any, kinds: list[_Kind | None], where: str) -> Any:
+    """Items after their checks; a list to which the function appends remains the caller's."""
+    pairs = [(v, _ANY if kind is None else kind) for v, kind in zip(items, kinds, strict=False)]
+    try:
+        after = [kind.check(v, where) for v, kind in pairs]
+    except _Refused:
+        for i, (inner, kind) in enumerate(pairs):  # which of them
+            kind.check(inner, f"{where}[{i}]")
+        raise
+    same = all(new is old for new, old in zip(after, items, strict=False))
+    return items if same and isinstance(items, list) else after
 
 
 def _items(value: Any, where: str, text: str) -> Any:

@@ -92,6 +92,19 @@ class LoadedModel:
 
         return read_each(data, self.signals, options)
 
+    def _sensors(
+        self, model: Model, records: Sequence[Record], channels: Sequence[str]
+    ) -> dict[str, Sensor]:
+        """Sensors of records that could be made, by output; see :meth:`read_proposed`."""
+        from unmodeled.data import Sensor
+
+        sensors = [s for r in records for s in r.sensors.items()]
+        known = {n: s for n, s in sensors if n in model.outputs}
+        wanted = self.outputs_of(channels) if channels else ()
+        for name in wanted or (() if known else model.outputs):
+            known.setdefault(name, Sensor(name=name, unit=model.units.get(name, "1")))
+        return known
+
     def read_proposed(
         self,
         files: Sequence[Path],
@@ -112,7 +125,6 @@ class LoadedModel:
         InvalidParameter
             There is neither a file nor a planned run.
         """
-        from unmodeled.data import Sensor
         from unmodeled.data.files import read_each
         from unmodeled.search.records import ready_records
 
@@ -122,11 +134,7 @@ class LoadedModel:
             )
         model = ready_records(self.model, records).model if records else self.model
         signals = replace(self, model=model).signals
-        sensors = [s for r in (records or self.planned) for s in r.sensors.items()]
-        known = {n: s for n, s in sensors if n in model.outputs}
-        wanted = self.outputs_of(channels) if channels else ()
-        for name in wanted or (() if known else model.outputs):
-            known.setdefault(name, Sensor(name=name, unit=model.units.get(name, "1")))
+        known = self._sensors(model, records or self.planned, channels)
         if not files:
             return tuple(_measured_by(r, known) for r in self.planned)
         inputs = (*signals.inputs, *(n for names in signals.modes.values() for n in names))
@@ -279,12 +287,9 @@ def load_model(
     kind = path.suffix.lower()
     if settings and kind in (".py", ".fmu", *MJCF):
         raise InvalidParameter(f"{name}: has no settings (--set), because it is a {kind} file")
-    known_here = ("key", "settle", "hold") if kind in MJCF else ("hold",) * (kind == ".fmu")
-    if wrong := [f"--{n}" for n in running if n not in known_here]:
-        raise InvalidParameter(
-            f"{name}: got {', '.join(wrong)}, which belongs to a MuJoCo model"
-            f"{' or an FMU' if '--hold' in wrong else ''}"
-        )
+    _check_running(
+        name, running, ("key", "settle", "hold") if kind in MJCF else ("hold",) * (kind == ".fmu")
+    )
     if kind == ".py":
         return _from_file(path, attribute, parameters, unknown)
     if kind in (".fmu", *MJCF):
@@ -305,6 +310,14 @@ def load_model(
             )
         return loaded
     raise InvalidParameter(_no_model(name, kind))
+
+
+def _check_running(name: str, running: Iterable[str], known: Sequence[str]) -> None:
+    if wrong := [f"--{n}" for n in running if n not in known]:
+        raise InvalidParameter(
+            f"{name}: got {', '.join(wrong)}, which belongs to a MuJoCo model"
+            f"{' or an FMU' if '--hold' in wrong else ''}"
+        )
 
 
 def _no_model(name: str, kind: str) -> str:

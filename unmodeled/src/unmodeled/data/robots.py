@@ -53,6 +53,11 @@ class Signal:
     """Unit; "0 to 100" and "-100 to 100": share of the range of the joint; "": not known."""
 
     @property
+    def rate(self) -> float:
+        """Mean rate of the samples [Hz]."""
+        return (self.time.size - 1) / max(float(self.time[-1] - self.time[0]), 1e-9)
+
+    @property
     def told(self) -> str:
         """Joint and kind, for messages."""
         return f"{self.joint} ({self.kind})"
@@ -242,6 +247,10 @@ def _even(clock: Array) -> tuple[Array, list[str]]:
     return np.linspace(clock[0], clock[-1], clock.size), [told]
 
 
+def _unit_of(s: Signal, joint: Joint, stated: Mapping[str, str]) -> str:
+    return stated[s.joint] or s.unit or joint.unit
+
+
 def _guessed(s: Signal, joint: Joint, stated: Mapping[str, str], by_order: Collection[str]) -> str:
     """What was guessed of a signal, and the option that says otherwise."""
     angle = s.unit in ("deg", PERCENT, RANGE) and not stated[s.joint]
@@ -274,14 +283,13 @@ def _record(
         joint, unit, guessed = place.get(s.joint), s.unit, ""
         channel = _channel(s, joint) if joint is not None else ""
         if channel and joint is not None:
-            unit = stated[s.joint] or s.unit or joint.unit
+            unit = _unit_of(s, joint, stated)
             values = _at(clock, s.time, _in_si(path, s, joint, unit), held=s.kind == "goal")
             columns[s.kind][channel] = values
             if s.kind == "position":
                 sensors[channel] = Sensor(name=channel, unit=joint.unit or "1")
             guessed = _guessed(s, joint, stated, by_order)
-        rate = (s.time.size - 1) / max(float(s.time[-1] - s.time[0]), 1e-9)
-        rows.append(Assigned(f"{s.joint} {s.kind}", channel, unit, s.time.size, rate, guessed))
+        rows.append(Assigned(f"{s.joint} {s.kind}", channel, unit, s.time.size, s.rate, guessed))
     goals = columns["goal"]
     units = {j.actuator: j.unit for j in place.values()}
     record = Record(
