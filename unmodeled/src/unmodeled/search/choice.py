@@ -175,14 +175,14 @@ def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -
     need ends the climb.
     """
     _fit_smaller(out, check)
-    best = best_of(out.problem, list(out.everything.sets.values()))
-    best, needs = _pruned(out, best, options, check)
+    first = best_of(out.problem, list(out.everything.sets.values()))
+    best, needs = _pruned(out, first, options, check)
     seen = {best.causes}
-    while (rival := _rival(out, best, options)) is not None:
+    while (rival := _rival(out, best, first, options)) is not None:
         rival, other = _pruned(out, rival, options, check)
         ratio = _ratio(out, best.causes, rival.causes, rival)
         odds = log_odds(out.problem, rival, best)
-        better = ratio.low > WORTH and _possible(out, rival, best, options)
+        better = ratio.low > WORTH and _possible(out, rival, first, options)
         if rival.causes in seen or not (better or (ratio.high >= -WORTH and odds > 0.0)):
             needs = {**other, **needs}
             break
@@ -194,22 +194,22 @@ def _pruned_from_all(out: Chosen, options: Options, check: Callable[[], None]) -
     out.best, out.needs = best, needs
 
 
-def _possible(out: Chosen, rival: Fitted, best: Fitted, options: Options) -> bool:
-    """Whether a set that predicts better may take the place of another one.
+def _possible(out: Chosen, rival: Fitted, first: Fitted, options: Options) -> bool:
+    """Whether a set that predicts better may be chosen in place of the most probable one.
 
     It adds to it, or is not surely less probable.
     """
-    adds = {*best.causes} <= {*rival.causes}
-    return adds or log_odds(out.problem, rival, best) > -_sure(options)
+    adds = {*first.causes} <= {*rival.causes}
+    return adds or log_odds(out.problem, rival, first) > -_sure(options)
 
 
-def _rival(out: Chosen, best: Fitted, options: Options) -> Fitted | None:
+def _rival(out: Chosen, best: Fitted, first: Fitted, options: Options) -> Fitted | None:
     """The most probable possible set that surely predicts better; None: there is none."""
     ranked = rank(out.problem, list(out.everything.sets.values()))[0]
     for s in ranked:
         known = out.predicted.get(s.causes) is not None
         better = known and _ratio(out, best.causes, s.causes, s).low > WORTH
-        if better and _possible(out, s, best, options):
+        if better and _possible(out, s, first, options):
             return s
     return None
 
