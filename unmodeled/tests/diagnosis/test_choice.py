@@ -32,10 +32,16 @@ def fitted(*causes):
     return Given(causes=causes, members=causes)
 
 
-def pruned(monkeypatch, start, needs):
-    """The set that remains of a start; ``needs``: by set, the need of each of its members."""
+def pruned(monkeypatch, start, needs, probable=()):
+    """The set that remains of a start; ``needs``: by set, the need of each of its members.
+
+    ``probable``: sets that are more probable than others.
+    """
     sets = {c: fitted(*c) for c in [*needs, ()]}
-    out = Given(everything=Given(sets=sets))
+    out = Given(everything=Given(sets=sets), problem=None)
+    monkeypatch.setattr(
+        choice, "best_of", lambda _, some: max(some, key=lambda s: s.causes in probable)
+    )
     monkeypatch.setattr(choice, "_needs", lambda _, now, *__: needs[now.causes])
     best, found = choice._pruned(out, sets[start], Options(), lambda: None)
     return best.causes, found
@@ -87,6 +93,15 @@ def test_an_imitation_leaves_before_what_is_not_needed(monkeypatch):
         (1,): {1: Need(9.0)},
     }
     assert pruned(monkeypatch, (0, 1), needs)[0] == (0,)
+
+
+def test_another_law_takes_the_place_of_an_imitation(monkeypatch):
+    needs = {(0,): {0: Need(9.0, differs=1e-6)}, (1,): {1: Need(9.0)}}
+    best, found = pruned(monkeypatch, (0,), needs, probable=[(1,)])
+    assert best == (1,)
+    assert found[0].left
+    needs[1,] = {1: Need(9.0, differs=1e-6)}
+    assert pruned(monkeypatch, (0,), needs, probable=[(1,)])[0] == ()
 
 
 def test_a_set_whose_rest_cannot_be_fitted_stays(monkeypatch):

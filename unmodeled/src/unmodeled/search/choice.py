@@ -9,7 +9,7 @@ is fitted again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -258,8 +258,18 @@ def _pruned(
         rest = out.everything.sets.get(tuple(i for i in now.causes if i != out_of))
         if rest is None:  # it cannot be fitted
             return now, {**left, **needs}
-        now = rest
+        now = rest if leaves[out_of].differs >= SAME else _consistent(out, rest, left)
     return now, left
+
+
+def _consistent(out: Chosen, rest: Fitted, left: Mapping[int, Need]) -> Fitted:
+    """The most probable set without the members that differ between records: another law may not.
+
+    ``rest``: the set without the last of them.
+    """
+    differ = {i for i, n in left.items() if n.differs < SAME}
+    sets = [s for s in out.everything.sets.values() if not differ & {*s.causes}]
+    return best_of(out.problem, [rest, *sets])
 
 
 def _needs(
