@@ -146,13 +146,14 @@ def diagnose(
         meter.stage("fit")
         searched = search(problem, options, meter.stage, meter.step)
         needed = meter.needed
-        check = Limit(began + FITS * options.seconds, meter.step)
+        check = Limit(began + FITS * options.seconds, meter.step, most=options.rounds)
+        check.steps = searched.rounds
         result = judge(searched, options, time.monotonic() - began, meter.stage, check)
         split = _split(searched.problem) if by_us else ()
         told = (*_doubts(searched), *chosen, *split, *notes, *result.notes)
-        result = replace(result, notes=told)
+        result = replace(result, notes=told, rounds=check.steps)
         if not result.complete:
-            late = Reason.INTERRUPTED not in result.reasons
+            late = Reason.INTERRUPTED not in result.reasons and options.rounds is None
             least = 2.0 * options.seconds if late else time.monotonic() - began
             result = replace(result, needed=max(needed, least))
         report = Report.of(result)

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from unmodeled import Progress, diagnose
+from unmodeled import InvalidParameter, Options, Progress, diagnose
 from unmodeled.cli.screen import ProgressLine
 from unmodeled.search.progress import ENDS, Limit, Meter, Stop
 
@@ -120,3 +120,30 @@ def test_no_step_begins_that_would_end_after_the_limit():
     now[0] += 2.0
     with pytest.raises(Stop):
         limit()
+
+
+def test_a_limit_of_rounds_does_not_depend_on_the_time():
+    now = [0.0]
+    limit = Limit(math.inf, clock=lambda: now[0], most=3)
+    for duration in (1.0, 1e9, 0.0):
+        limit()
+        now[0] += duration
+    with pytest.raises(Stop):
+        limit()
+    assert limit.steps == 3
+
+
+def test_a_search_with_a_limit_of_rounds_has_one_answer(spring, causes):
+    records = [spring_record(f"r{k}", 2 + k, seed=k, hardening=2000.0) for k in range(3)]
+    whole = diagnose(spring, causes, records)
+    assert whole.complete
+    assert whole.rounds > 8
+    again = diagnose(spring, causes, records, options=Options(rounds=whole.rounds * 2))
+    assert (again.summary(), again.rounds) == (whole.summary(), whole.rounds)
+    cut = [diagnose(spring, causes, records, options=Options(rounds=5)) for _ in range(2)]
+    assert cut[0].sets == cut[1].sets
+    assert not cut[0].complete
+    assert cut[0].rounds == 5
+    assert "after 5 rounds of simulations" in cut[0].text(400)
+    with pytest.raises(InvalidParameter, match="rounds = 0, expected from 1 on"):
+        Options(rounds=0)

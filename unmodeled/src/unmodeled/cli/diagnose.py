@@ -122,6 +122,7 @@ def run(
         prior={"type": Number(0, 1, min_open=True, max_open=True)},
         max_effects={"type": count(1, 12)},
         seconds=SECONDS,
+        rounds={"type": count(1, 10**9)},
         tolerances=TOLERANCES,
     ),
     good_enough: tuple[str, ...] = option(

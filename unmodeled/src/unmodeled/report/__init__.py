@@ -86,7 +86,8 @@ REASONS = {
     Reason.NO_HELD_OUT_GAIN: "The causes do not improve the prediction of held-out records.",
     Reason.NOT_PREDICTED: "The held-out records were not predicted: the search was interrupted, or "
     "their simulation fails.",
-    Reason.NOT_COMPLETE: "The search ended at its limit of time.",
+    Reason.NOT_COMPLETE: "The search ended at its limit, after {rounds} rounds of simulations. "
+    "--rounds states this number, so that a slow and a fast machine have the same answer.",
     Reason.INTERRUPTED: "The search was interrupted: what was not fitted may explain as much.",
     Reason.CALIBRATION_PREDICTS_WORSE: "The calibrated model predicts the held-out records worse "
     "than the tabulated one.",
@@ -284,7 +285,7 @@ def _changes(result: Result) -> _Section:
     """The list of changes, with what a reader must know beside it."""
     which = f" ({joined(result.refused)})" if result.refused else ""
     lines = [
-        REASONS[r].format(which=which)
+        REASONS[r].format(which=which, rounds=result.rounds)
         for r in result.reasons
         if r in REASONS and not (r is Reason.NOT_COMPLETE and Reason.INTERRUPTED in result.reasons)
     ]

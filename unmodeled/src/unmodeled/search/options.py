@@ -41,6 +41,10 @@ class Options:
     """Prior probability that the model lacks an effect of the list [1]."""
     seconds: float = 120.0
     """Limit of time [s]; the best sets of effects until then are the answer."""
+    rounds: int | None = None
+    """Limit of the rounds of simulations [1]: all fits that proceed together simulate the records
+    once in each. A search that it ends has the same answer on a slow and on a fast machine; None:
+    ``seconds`` alone is a limit."""
     max_effects: int = 4
     """Largest number of effects in a set [1]."""
     then: Sequence[str] = ()
@@ -74,6 +78,8 @@ class Options:
             faults.append(f"prior = {self.prior!r}, expected in (0, 1)")
         if not self.seconds > 0.0:
             faults.append(f"seconds = {self.seconds!r}, expected > 0")
+        if self.rounds is not None and self.rounds < 1:
+            faults.append(f"rounds = {self.rounds!r}, expected from 1 on")
         if not 1 <= self.max_effects <= 12:
             faults.append(f"max_effects = {self.max_effects!r}, expected from 1 to 12")
         if not 1 <= self.tries <= 20:

@@ -50,7 +50,8 @@ def interrupted(reason: BaseException | None) -> bool:
 class Limit:
     """A time after which no step begins, and before which none begins that would end after it.
 
-    ``end`` is a time of ``clock`` [s]; ``step`` is called before each step.
+    ``end`` is a time of ``clock`` [s]; ``step`` is called before each step; ``most`` is a number of
+    steps, None: any. A number ends a search at the same fit on a slow and on a fast machine.
     """
 
     def __init__(
@@ -58,8 +59,10 @@ class Limit:
         end: float,
         step: Callable[[], None] = lambda: None,
         clock: Callable[[], float] = time.monotonic,
+        most: int | None = None,
     ) -> None:
         self._end, self._step, self._clock = end, step, clock
+        self._most, self.steps = math.inf if most is None else most, 0
         self._last, self._longest = clock(), 0.0
 
     def __call__(self) -> None:
@@ -71,6 +74,9 @@ class Limit:
             It would end after the limit.
         """
         self._step()
+        if self.steps >= self._most:
+            raise Stop
+        self.steps += 1
         now = self._clock()
         self._longest, self._last = max(self._longest, now - self._last), now
         if now + self._longest > self._end:

@@ -433,6 +433,8 @@ class Result:
     needed: float = math.nan
     """Estimated time of a complete search [s], if this one ended before its end; else NaN."""
     notes: tuple[str, ...] = ()
+    rounds: int = 0
+    """Rounds of simulations that all fits took."""
     seconds: float = 0.0
     records: tuple[str, ...] = ()
     """Names of the records in the order of ``NamedCause.by_record``."""

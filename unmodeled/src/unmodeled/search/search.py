@@ -77,6 +77,8 @@ class Searched:
     """Pairs of causes with the same columns in a set."""
     grown: bool = False
     """Whether the search tried all that it would add to the best set."""
+    rounds: int = 0
+    """Rounds of simulations that the search took."""
     ended_by: BaseException | None = None
     """``Stop`` or ``KeyboardInterrupt``, if one ended the search before its end."""
     answer: tuple[Problem, Fitted, Fitted] | None = None
@@ -115,19 +117,25 @@ def search(
     now = model_alone(problem, step)
     found = Searched(problem)
     _keep(found, [now])
+
+    def limit(stage: str) -> Limit:
+        most = None if options.rounds is None else round(ENDS[stage] * options.rounds)
+        return Limit(begin + ENDS[stage] * options.seconds, step, most=most)
+
+    own, last = limit("search"), limit("exchange")
     try:
-        limit = Limit(begin + ENDS["search"] * options.seconds, step)
-        _Climb(found, now, options, limit).run(tell)
+        _Climb(found, now, options, own).run(tell)
     except (Stop, KeyboardInterrupt) as stop:
         found.ended_by = stop
         if not interrupted(stop):
             _keep_smaller(found)
     if not interrupted(found.ended_by):  # the limit of time tells no cause from its equivalents
+        last.steps = own.steps
         try:
-            limit = Limit(begin + ENDS["exchange"] * options.seconds, step)
-            _exchange_alike(problem, found, limit)
+            _exchange_alike(problem, found, last)
         except (Stop, KeyboardInterrupt) as stop:
             found.ended_by = stop
+    found.rounds = max(own.steps, last.steps)
     return found
 
 
