@@ -998,6 +998,7 @@ CALLS = {
     "unmodeled.fit.Exposed.effect": lambda: (fit.Exposed(scale=1.0), {"name": "extra"}),
     "unmodeled.fit.fmu": None,  # needs FMPy and an FMU
     "unmodeled.fit.mujoco": None,  # needs MuJoCo
+    "unmodeled.servo_laws": None,  # needs MuJoCo
     "unmodeled.read": lambda: {
         "files": written("read.csv", "time [s],q [m]\n0,1\n1,2\n"),
         "inputs": (),
@@ -1160,6 +1161,7 @@ CALLS = {
         unmodeled.explained_model(oscillator(), [DRY], report()),
         {"record": record()},
     ),
+    "unmodeled.Explained.film": None,  # of a MuJoCo model: unmodeled/tests/fit/test_mujoco_laws.py
     "unmodeled.Explained.write": None,  # of a mechanism: tests/python/gap/test_cli.py
     "unmodeled.Report.why": lambda: (report(), {"name": report().findings[0].cause}),
     "unmodeled.Report.finding": lambda: (report(), {"name": report().findings[0].cause}),

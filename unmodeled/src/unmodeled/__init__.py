@@ -11,7 +11,8 @@ For example::
 
 Models
     Equations, Simulator (a function of yours), fmu, mujoco, FunctionModel, LinearModel; load_model:
-    by the name of a file. Each has fit(records) and diagnose(records)
+    by the name of a file. Each has fit(records) and diagnose(records); servo_laws: what a remedy of
+    a MuJoCo model holds beside MJCF
 Records
     read (CSV, MAT, HDF5, NetCDF, Parquet, Feather, MCAP), records_from_frame, Record, Sensor
 Diagnosis
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
         mujoco,
     )
     from unmodeled.fit.measured import Measured, read_measured, with_measured
+    from unmodeled.fit.mjcf_laws import servo_laws
     from unmodeled.library.defaults import candidates
     from unmodeled.loading import load_model
     from unmodeled.report import Explained, Report, explained_model
@@ -110,6 +112,7 @@ __all__ = [
     "read",
     "read_measured",
     "records_from_frame",
+    "servo_laws",
     "verify",
     "with_measured",
     "withhold",
@@ -124,6 +127,7 @@ _LAZY = {
     "unmodeled.fit": "Coordinate Coupling Effect Equations Exposed FunctionModel LinearModel Model "
     "Parameter Rate Simulator State fmu including mujoco",
     "unmodeled.fit.measured": "Measured read_measured with_measured",
+    "unmodeled.fit.mjcf_laws": "servo_laws",
     "unmodeled.library.defaults": "candidates",
     "unmodeled.loading": "load_model",
     "unmodeled.report": "Explained Report explained_model",

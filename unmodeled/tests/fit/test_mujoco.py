@@ -316,7 +316,7 @@ CHANGES = {
     "j1.backlash": 0.05, "j1.kp": 20.0, "j1.kv": 2.0, "j1.gear": 1.2, "j1.force": 3.0,
     "slow.gain": 6.0, "lower.mass": 2.0, "lower.payload": 0.8, "lower.center_y": 0.04,
     "lower.inertia_x": 2e-3, "j2.offset_z": 0.02, "gravity.tilt_x": 0.1, "gravity.tilt_y": -0.2,
-    "ball.center_x": 0.05,
+    "ball.center_x": 0.05, "j1.zero": 0.1, "lower.length": 0.25,
 }  # fmt: skip
 
 

@@ -59,7 +59,7 @@ from unmodeled.errors import InvalidParameter
 if TYPE_CHECKING:
     from unmodeled import Explained, Options, Report
     from unmodeled.cli.models import Running, StatedOptions
-    from unmodeled.data import ReadOptions
+    from unmodeled.data import ReadOptions, Record
     from unmodeled.loading import LoadedModel
     from unmodeled.search.result import Case
 
@@ -105,7 +105,7 @@ def run(
     out: Path | None = option(
         "Folder for the report, the remedy, and what unmodeled verify needs; or a file for the "
         "remedy: the numbers (TOML), a MuJoCo model (XML); or a picture of motions and evidence: "
-        ".png, .pdf or .svg.",
+        ".png, .pdf or .svg; or a video of a MuJoCo model beside the machine: .gif.",
         metavar="NAME",
     ),
     stated: StatedOptions = STATED,
@@ -150,8 +150,9 @@ def run(
 
     loaded = running.of(load_named(model, settings, stated=stated))
     picture = out if out is not None and out.suffix.lower() in PICTURES else None
-    check_targets(pictures=[picture], force=force)
-    folder, remedy = _places(None if picture else out, loaded, force=force)
+    video = out if out is not None and out.suffix.lower() == ".gif" else None
+    check_targets(video, pictures=[picture], force=force)
+    folder, remedy = _places(None if picture or video else out, loaded, force=force)
     every = (*data, *map(Path, then))
     groups = loaded.read_each(every, reading)
     records = tuple(r for group in groups for r in group)
@@ -183,8 +184,17 @@ def run(
         say_written(report.write(folder, title=title, force=force))
     _remedy(report, remedy, alone=folder is None, force=force)
     save_figure(picture, lambda: report.plot("answer"), force=force)
+    _film(report, records, video, force=force)
     if Reason.INTERRUPTED in report.reasons:
         click.get_current_context().exit(130)
+
+
+def _film(report: Report, records: Sequence[Record], path: Path | None, *, force: bool) -> None:
+    """Write a video of the record in which the changes take away most, if there is a name."""
+    if path is not None and report.model is not None:
+        name = report.motions.chosen.record if report.motions is not None else records[0].name
+        shown = next(r for r in records if r.name == name)
+        say_written(report.model.film(path, shown, force=force))
 
 
 def _say_cached(report: Report) -> None:
@@ -208,7 +218,8 @@ def _places(
         for name in ("report.html", "report.txt", "report.json", "case.json"):
             check_writable(folder / name, force=force)
     if remedy is not None:
-        check_writable(remedy, force=force)
+        for beside in (remedy, remedy.with_suffix(".patch"), remedy.with_suffix(".png")):
+            check_writable(beside, force=force)
         check_suffix(remedy, *suffixes(loaded.model))
     return folder, remedy
 
@@ -219,6 +230,10 @@ def _remedy(report: Report, path: Path | None, *, alone: bool, force: bool) -> N
         return
     try:
         _write_remedy(report.model, path, force=force)
+        robot = path if path.suffix == ".xml" and not alone and report.motions else None
+        save_figure(
+            robot and robot.with_suffix(".png"), lambda: report.plot("channels"), force=force
+        )
     except InvalidParameter as error:
         if alone:
             raise
@@ -229,13 +244,17 @@ def _write_remedy(model: Explained, path: Path, *, force: bool) -> None:
     """Write the model with what was found, and show how its file differs."""
     from difflib import unified_diff
 
+    from unmodeled.files import write_text
     from unmodeled.models.writing import suffixes, text
 
     say_written(model.write(path, force=force))
     old = text(model.original)
     if old and path.suffix == suffixes(model.original)[0]:
         new = path.read_text("utf-8").splitlines()
-        lines = [*unified_diff(old.splitlines(), new, "unchanged", path.name, n=0, lineterm="")]
+        both = old.splitlines(), new, "unchanged", path.name
+        patch = "\n".join([*unified_diff(*both, lineterm=""), ""])
+        say_written(write_text(path.with_suffix(".patch"), patch, force=force))
+        lines = [*unified_diff(*both, n=0, lineterm="")]
         say("\n".join(lines[:DIFF]) + (f"\n... {len(lines) - DIFF} more" if lines[DIFF:] else ""))
     if model.left_out and path.suffix != ".toml":
         say(f"not in {path.name}: {', '.join(model.left_out)}; it has no place for them")

@@ -16,6 +16,7 @@ from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter, near_names, shortened, which_column
 from unmodeled.files import check_suffix, write_text
 from unmodeled.fit.mjcf_changes import controls, followed, joints_of, place_of_payload, probe
+from unmodeled.fit.mjcf_laws import LAWS
 from unmodeled.fit.mjcf_linear import columns_of, largest_forces
 from unmodeled.fit.mjcf_parts import outside_parts
 from unmodeled.fit.mjcf_runs import Mjcf
@@ -51,6 +52,8 @@ from unmodeled.models.writing import numbers, suffixes, text, write, write_numbe
 #: Share of the noise of a sensor, or of the spread of an output without stated noise, above which
 #: the error of the time step is told.
 STEP_ERROR, OF_SPREAD = 0.3, 0.01
+#: What to do about a law that MJCF cannot express.
+SERVO_LAWS = "The remedy holds it as a number, which unmodeled.servo_laws applies before each step."
 #: Derivatives by fewer numbers, or by fewer start states, are faster by runs.
 FEW = 3
 #: Samples after which the influence of the starts may have faded, and the share of it that is none.
@@ -105,14 +108,14 @@ class MujocoModel(Simulator):
         """Sizes follow from the derivatives along the motion, without trials."""
         record, _, unit, goal = wanted_change(self, records)
         known, run = self.mjcf.properties, self._tabulated_run(record)
-        found = self._by_probes(run, self._unsized)
+        found = self._by_probes(run, sorted(self._unsized))
         if found is None:
             return super()._sized(records)
-        sizes = {n: goal / v for n, by in found.items() if (v := share_of(by, unit)) > 0.0}
+        sizes = {n: _expected(goal, share_of(by, unit), known[n].unit) for n, by in found.items()}
         joints = measured_joints(self.mjcf.model, self.outputs)
         shown = dict(zip(self.outputs, goal * unit, strict=True))
         used = largest_forces(self.mjcf, run)
-        for name in self._unsized:
+        for name in sorted(self._unsized):
             owner, _, what = name.rpartition(".")
             if what == "backlash" and owner in joints:  # its clearance is what the joint shows
                 sizes[name] = shown[joints[owner][POSITION]]
@@ -143,7 +146,9 @@ class MujocoModel(Simulator):
 
     def influences(self, record: Record) -> Sequence[Influence]:
         """See :class:`~unmodeled.fit.Model`: numbers of joints, servos and payloads."""
-        tested = [n for n, p in self.mjcf.properties.items() if p.tested]
+        known = {n: p.kind for n, p in self.mjcf.properties.items() if p.tested}
+        left = (*LAWS, "zero")
+        tested = [n for n, k in known.items() if not k.place and n.rpartition(".")[2] not in left]
         found = self._by_probes(self._tabulated_run(record), tested) or {}
         kinds = {n: INFLUENCES.get(n.rpartition(".")[2], GRAVITY) for n in found}
         return [Influence(n, by, *kinds[n]) for n, by in found.items()]
@@ -402,17 +407,30 @@ def _(
         patched.texturedir = (source / patched.texturedir).as_posix()
     told = f"{provenance}: {', '.join(f'{n} = {v:.6g}' for n, v in values.items())}"
     told += f"; holds what is in {outside}" if outside else ""
+    if any(n.rpartition(".")[2] in LAWS for n in values):
+        told += "; its custom numbers act by unmodeled.servo_laws(model)(data) before each step"
     comment = f"<!-- {told.replace('--', '- -')} -->\n"
     return write_text(path, comment + patched.to_xml(), force=force)
+
+
+def _expected(goal: float, share: float, unit: str) -> float:
+    """Expected size by the influence of one unit: of an angle at most one, which is much."""
+    size = goal / share if share else 0.1
+    return min(size, 1.0) if unit == "rad" else size
 
 
 def _placed(effect: Effect, function: Mjcf) -> Effect:
     """An effect with its component and its mechanism; a payload with its place."""
     owner, _, what = effect.name.rpartition(".")
-    mechanism = function.properties[effect.name].kind.mechanism
+    kind = function.properties[effect.name].kind
+    mechanism = kind.mechanism
     if what == "payload":
         mechanism = f"A mass is attached {place_of_payload(function.model, owner)}."
-    return replace(effect, component=owner, mechanism=mechanism)
+    new = function.properties[effect.name].value == 0.0 and not kind.noun.startswith("the ")
+    what = kind.noun.removeprefix("the ").removeprefix("a ")
+    label = kind.noun if new else f"the {what} of {owner}"
+    remedy = SERVO_LAWS if effect.name.rpartition(".")[2] in LAWS else ""
+    return replace(effect, component=owner, mechanism=mechanism, label=label, remedy=remedy)
 
 
 @checked
@@ -440,11 +458,21 @@ def mujoco(
     ``JOINT.backlash``
         Half of the clearance [m, rad]: a second joint with this range. Not for a joint that is
         followed by another one of its body.
+    ``JOINT.zero``
+        Reading of the encoder in the pose of the file (``ref``) [m, rad]: servo and reading shift
+        together.
+    ``JOINT.load_friction``, ``.one_sided_friction``
+        Dry friction in proportion to the force of the servo [1], and friction that is larger in one
+        direction and smaller in the other by this [N, N m]. MJCF has no word for these, for
+        ``dead_band`` and for ``speed_loss``: see :func:`servo_laws`.
     ``JOINT.offset_x``, ``_y``, ``_z``
         Place of the axis in the frame of its body [m].
     ``ACTUATOR.kp``, ``.kv``, ``.gain``, ``.gear``, ``.force``
         Stiffness and damping of a servo, gain of another actuator, ratio of the gear, and limit of
         the force, if the file has the same on both sides.
+    ``ACTUATOR.dead_band``, ``.speed_loss``
+        Error up to which a servo of position makes no force [m, rad]; share of the largest force
+        that is lost by the speed [s/m, s/rad], the reciprocal of the speed without load.
     ``BODY.mass``
         Mass [kg], with the inertia in proportion.
     ``BODY.center_x``, ..., ``BODY.inertia_x``, ...
@@ -452,6 +480,9 @@ def mujoco(
     ``BODY.payload``, ``BODY.payload_x``, ...
         Attached point mass [kg], and its place in the frame of the body [m]; without a place it is
         at the center of mass.
+    ``BODY.length``, ``.pos_x``, ..., ``.turn_x``, ...
+        Distance and place of its mount on a moving body, and rotation about its own axes
+        [m, m, rad].
     ``SITE.payload``
         Attached point mass [kg] at the place of a site.
     ``gravity.tilt_x``, ``gravity.tilt_y``
@@ -467,7 +498,8 @@ def mujoco(
     unknown
         Properties that are effects; default: damping, friction, armature, stiffness and backlash
         of every hinge and slide, all of every servo, payloads of the outermost bodies, welded ones
-        included, and the tilt of the gravity. (The gain of a motor is that of its input.)
+        included, the tilt of the gravity, and the mounts of bodies that carry what a sensor of a
+        frame tracks. (The gain of a motor is that of its input.)
     inputs
         Default: the actuators that the records have.
     outputs
@@ -531,6 +563,6 @@ def mujoco(
     out.joints = joints_of(function.model)
     out.follows = followed(function.model)
     out.origin = Origin("mujoco", str(path), {**again, **how})
-    out._jumps = frozenset(n for n in known if n.endswith((".backlash", ".force")))
+    out._jumps = frozenset(n for n, p in known.items() if p.kind.jumps)
     out.effects = tuple(_placed(e, function) for e in out.effects)
     return out

@@ -13,6 +13,7 @@ import numpy as np
 from unmodeled.data import Array
 from unmodeled.data.robots import Joint
 from unmodeled.errors import InvalidParameter
+from unmodeled.fit.mjcf_laws import LAWS, servos_of, sizes_in
 
 #: Share of the inertia of a joint that its backlash joint gets as armature; time constant of the
 #: limits of the clearance [s], at least two time steps.
@@ -78,6 +79,12 @@ class Kind:
     """Whether it moves a center of mass away from its joint."""
     steady: bool = False
     """Whether its force changes as slowly as the motion."""
+    noun: str = ""
+    """What differs: "the NOUN of OWNER", or what the owner has, if the file has none of it."""
+    jumps: bool = False
+    """Whether its first change switches something on."""
+    place: bool = False
+    """Whether it moves what is tracked, and nothing else shows it well."""
 
 
 @dataclass(frozen=True)
@@ -156,6 +163,36 @@ def _payload_at(model: Any, name: str, mass: float, place: Array) -> None:
     model.body_sameframe[i] = 0
 
 
+def _zero(model: Any, name: str, value: float) -> None:
+    """Reading of the encoder in the pose of the file; what the machine has by its angle moves."""
+    joint = model.joint(name)
+    i, at = int(joint.id), int(joint.qposadr[0])
+    moved = value - float(model.qpos0[at])
+    model.qpos0[at] = value
+    model.qpos_spring[at] += moved
+    if model.jnt_limited[i]:
+        model.jnt_range[i] += moved
+
+
+def _length(model: Any, name: str, value: float) -> None:
+    place = model.body_pos[model.body(name).id]
+    place *= value / np.linalg.norm(place)
+
+
+def _turn(axis: int) -> Setter:
+    def put(model: Any, name: str, value: float) -> None:
+        mj, turn = import_mujoco(), np.empty(4)
+        own = model.body_quat[model.body(name).id]
+        mj.mju_axisAngle2Quat(turn, np.eye(3)[axis], value)
+        mj.mju_mulQuat(own, own.copy(), turn)
+
+    return put
+
+
+def _nothing(_model: Any, _name: str, _value: float) -> None:
+    """A law changes fields during a run."""
+
+
 def _tilt(axis: int) -> Setter:
     def put(model: Any, _name: str, value: float) -> None:
         mj, out, turn = import_mujoco(), np.empty(3), np.empty(4)
@@ -168,14 +205,26 @@ def _tilt(axis: int) -> Setter:
 
 JOINT = {
     "damping": Kind(("N s/m", "N m s/rad"), _field("dof_damping", "dof"),
-                    "A force in proportion to the speed opposes the motion.", steady=True),
+                    "A force in proportion to the speed opposes the motion.", steady=True,
+                    noun="damping"),
     "frictionloss": Kind(("N", "N m"), _field("dof_frictionloss", "dof"),
-                         "A force of constant magnitude opposes the motion.", steady=True),
+                         "A force of constant magnitude opposes the motion.", steady=True,
+                         noun="dry friction"),
     "armature": Kind(("kg", "kg m^2"), _field("dof_armature", "dof"),
-                     "The rotor has an inertia of its own.", inertial=True),
+                     "The rotor has an inertia of its own.", inertial=True, noun="armature"),
     "stiffness": Kind(("N/m", "N m/rad"), _field("jnt_stiffness", "joint"),
-                      "A spring acts on the joint.", steady=True),
-    "backlash": Kind(("m", "rad"), _clearance, "The gear has a clearance of twice this size."),
+                      "A spring acts on the joint.", steady=True, noun="stiffness"),
+    "backlash": Kind(("m", "rad"), _clearance, "The gear has a clearance of twice this size.",
+                     jumps=True, noun="backlash"),
+    "zero": Kind(("m", "rad"), _zero, "The zero of the encoder is at another place: servo and "
+                 "reading shift together.", inertial=True, signed=True,
+                 noun="the zero of the encoder"),
+    "load_friction": Kind(("1", "1"), _nothing, "Friction grows with the force of the actuator "
+                          "that is transmitted.", noun="friction in proportion to its load",
+                          jumps=True),
+    "one_sided_friction": Kind(("N", "N m"), _nothing, "Dry friction is stronger in one direction "
+                               "than in the other.", signed=True, noun="one-sided friction",
+                               jumps=True),
 }  # fmt: skip
 
 
@@ -183,34 +232,58 @@ def _places(name: str, field: str, of: str, what: str) -> dict[str, Kind]:
     """Coordinates of a place [m]."""
     return {
         f"{name}_{a}": Kind(("m", "m"), _field(field, of, i), f"{what} is at another place.",
-                            inertial=True, signed=True, moves=True)
+                            inertial=True, signed=True, moves=True,
+                            noun=f"the place along {a} of {what[0].lower()}{what[1:]}")
         for i, a in enumerate(AXES)
     }  # fmt: skip
 
 
 OFFSETS = _places("offset", "jnt_pos", "joint", "The axis of the joint")
 ACTUATOR = {
-    "gain": Kind(("1", "1"), _gain, "The actuator is weaker or stronger."),
-    "kp": Kind(("N/m", "N m/rad"), _gain, "The servo is softer or stiffer."),
+    "gain": Kind(("1", "1"), _gain, "The actuator is weaker or stronger.", noun="gain"),
+    "kp": Kind(("N/m", "N m/rad"), _gain, "The servo is softer or stiffer.", noun="stiffness"),
     "kv": Kind(("N s/m", "N m s/rad"), _field("actuator_biasprm", "actuator", 2, -1.0),
-               "The servo has another damping."),
+               "The servo has another damping.", noun="damping"),
     "gear": Kind(("1", "1"), _field("actuator_gear", "actuator", 0), "The gear has another ratio.",
-                 inertial=True, signed=True),
-    "force": Kind(("N", "N m"), _force, "The actuator has another largest force."),
+                 inertial=True, signed=True, noun="gear ratio"),
+    "force": Kind(("N", "N m"), _force, "The actuator has another largest force.", jumps=True,
+                  noun="largest force"),
+    "dead_band": Kind(("m", "rad"), _nothing, "The servo makes no force while its error is "
+                      "smaller than this.", noun="a dead band of its error", jumps=True),
+    "speed_loss": Kind(("s/m", "s/rad"), _nothing, "The largest force falls with the speed, to "
+                       "nothing at the reciprocal of this.", noun="a largest force that falls with "
+                       "the speed", jumps=True),
 }  # fmt: skip
 BODY = {
-    "mass": Kind(("kg", "kg"), _mass, "The body is lighter or heavier.", inertial=True),
-    "payload": Kind(("kg", "kg"), _payload, "A mass is attached to the body.", inertial=True),
+    "mass": Kind(("kg", "kg"), _mass, "The body is lighter or heavier.", inertial=True,
+                 noun="mass"),
+    "payload": Kind(("kg", "kg"), _payload, "A mass is attached to the body.", inertial=True,
+                    noun="a payload"),
     **_places("center", "body_ipos", "body", "The center of mass"),
     **{
         f"inertia_{a}": Kind(("kg m^2", "kg m^2"), _field("body_inertia", "body", i),
-                             "The body has another inertia.", inertial=True)
+                             "The body has another inertia.", inertial=True,
+                             noun=f"inertia about {a}")
         for i, a in enumerate(AXES)
     },
     **_places("payload", "body_ipos", "body", "The attached mass"),
+    "length": Kind(("m", "m"), _length, "The body is mounted at another distance.", inertial=True,
+                   place=True, noun="the distance of the mount"),
+    **{n: replace(k, place=True, noun=f"the place of the mount along {n[-1]}")
+       for n, k in _places("pos", "body_pos", "body", "The body").items()},
+    **{f"turn_{a}": Kind(("rad", "rad"), _turn(i), "The body is mounted at another angle.",
+                         inertial=True, signed=True, place=True,
+                         noun=f"the angle of the mount about {a}") for i, a in enumerate(AXES)},
 }  # fmt: skip
 TILT = {
-    f"tilt_{a}": Kind(("rad", "rad"), _tilt(i), "The base is not level.", signed=True, steady=True)
+    f"tilt_{a}": Kind(
+        ("rad", "rad"),
+        _tilt(i),
+        "The base is not level.",
+        signed=True,
+        steady=True,
+        noun=f"the tilt about {a}",
+    )
     for i, a in enumerate(AXES)
 }
 
@@ -226,7 +299,8 @@ def properties(model: Any) -> dict[str, Property]:
 
 
 def _of_joints(model: Any) -> dict[str, Property]:
-    mj, found = import_mujoco(), {}
+    mj, found, sizes = import_mujoco(), {}, sizes_in(model)
+    driven = {s.joint for s in servos_of(model)}
     for i in range(model.njnt):
         name, kind = model.joint(i).name, int(model.jnt_type[i])
         hinge = kind == int(mj.mjtJoint.mjJNT_HINGE)
@@ -239,12 +313,16 @@ def _of_joints(model: Any) -> dict[str, Property]:
             "armature": model.dof_armature[at],
             "stiffness": model.jnt_stiffness[i],
             "backlash": 0.0,
+            "zero": model.qpos0[int(model.jnt_qposadr[i])],
         }
+        if name in driven:
+            values |= {n: sizes.get(f"{name}.{n}", 0.0) for n in LAWS if n in JOINT}
         if i + 1 < model.njnt and model.jnt_bodyid[i + 1] == model.jnt_bodyid[i]:
             del values["backlash"]  # its second joint would be behind the next one
         for what, value in values.items():
             row = JOINT[what]
-            found[f"{name}.{what}"] = Property(float(value), row, row.units[hinge], tested=True)
+            tested = what != "zero" or name in driven
+            found[f"{name}.{what}"] = Property(float(value), row, row.units[hinge], tested=tested)
         for k, (what, row) in enumerate(OFFSETS.items()):
             value = float(model.jnt_pos[i, k])
             found[f"{name}.{what}"] = Property(value, row, "m", tested=False)
@@ -252,7 +330,8 @@ def _of_joints(model: Any) -> dict[str, Property]:
 
 
 def _of_actuators(model: Any) -> dict[str, Property]:
-    mj, found = import_mujoco(), {}
+    mj, found, sizes = import_mujoco(), {}, sizes_in(model)
+    servos = {s.actuator for s in servos_of(model)}
     for i in range(model.nactuator):
         name, gain, bias = (
             model.actuator(i).name,
@@ -273,6 +352,9 @@ def _of_actuators(model: Any) -> dict[str, Property]:
         low, high = model.actuator_forcerange[i]
         if model.actuator_forcelimited[i] and low == -high:
             values["force"] = float(high)
+        if name in servos:
+            laws = {"dead_band": position, "speed_loss": "force" in values}
+            values |= {n: sizes.get(f"{name}.{n}", 0.0) for n, there in laws.items() if there}
         for what, value in values.items():
             row = ACTUATOR["gain"] if speed and what == "kv" else ACTUATOR[what]
             unit = ACTUATOR[what].units[hinge] if on_joint else "1"
@@ -301,6 +383,34 @@ def _of_bodies(model: Any) -> dict[str, Property]:
         for what, value in values.items():
             last = what == "payload" and i in outermost
             found[f"{name}.{what}"] = Property(value, BODY[what], BODY[what].units[0], tested=last)
+    return {**found, **_of_mounts(model)}
+
+
+def _of_mounts(model: Any) -> dict[str, Property]:
+    """Mounts of the moving bodies on each other; those that carry what is tracked are tested."""
+    mj, found, tracked = import_mujoco(), {}, set[int]()
+    kinds = {getattr(mj.mjtSensor, f"mjSENS_FRAME{n}")
+             for n in ("POS", "QUAT", "XAXIS", "YAXIS", "ZAXIS")}  # fmt: skip
+    owners = {mj.mjtObj.mjOBJ_SITE: model.site_bodyid, mj.mjtObj.mjOBJ_GEOM: model.geom_bodyid,
+              mj.mjtObj.mjOBJ_CAMERA: model.cam_bodyid}  # fmt: skip
+    for i in map(int, np.flatnonzero(np.isin(model.sensor_type, [int(k) for k in kinds]))):
+        of = owners.get(mj.mjtObj(int(model.sensor_objtype[i])), np.arange(model.nbody))
+        body = int(of[model.sensor_objid[i]])
+        while body:
+            tracked.add(body)
+            body = int(model.body_parentid[body])
+    for i in range(1, model.nbody):
+        name, distance = model.body(i).name, float(np.linalg.norm(model.body_pos[i]))
+        if not name or not model.body_weldid[model.body_parentid[i]]:
+            continue  # its parent does not move
+        welded = int(model.body_weldid[i]) != i
+        values = {"length": distance} if distance > 0.0 else {}
+        if welded:
+            values |= {f"pos_{a}": float(v) for a, v in zip(AXES, model.body_pos[i], strict=True)}
+            values |= {f"turn_{a}": 0.0 for a in AXES}
+        for what, value in values.items():
+            tested = i in tracked and welded == (what != "length")
+            found[f"{name}.{what}"] = Property(value, BODY[what], BODY[what].units[0], tested)
     return found
 
 
@@ -406,7 +516,10 @@ def probe(model: Any, name: str, value: float) -> float:
     """A small change of a property, whose action is in proportion to it; 0: none is known."""
     owner, _, what = name.rpartition(".")
     step = float(model.opt.timestep)
-    if owner == "gravity":
+    if what == "speed_loss":
+        return 10.0 * step  # of all force at 50 rad/s, for a usual step
+    small = owner == "gravity" or what in ("zero", "load_friction", "dead_band")
+    if small or (what in BODY and BODY[what].place):
         return 1e-4
     if what in JOINT and what != "backlash":
         inertia = float(model.dof_M0[model.joint(owner).dofadr[0]])

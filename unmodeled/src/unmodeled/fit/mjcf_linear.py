@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from unmodeled.data import Array, evenly_spaced
 from unmodeled.fit.mjcf_changes import controls, import_mujoco, quiet
+from unmodeled.fit.mjcf_laws import LAWS, ServoLaws
 from unmodeled.fit.mjcf_runs import Mjcf, Player, prepared
 from unmodeled.fit.priors import LEAST
 from unmodeled.fit.running import Run, cores
@@ -53,7 +54,7 @@ class _Motion:
 
 #: Numbers of a joint, and of its servo, that are nothing but a force on it. Dry friction is none:
 #: where a joint sticks, more of it does nothing.
-OF_JOINTS = ("damping", "stiffness", "armature")
+OF_JOINTS = ("damping", "stiffness", "armature", *LAWS)
 OF_SERVOS = ("kp", "kv", "gain", "gear", "force")
 
 
@@ -80,17 +81,19 @@ def _servos(model: Any, motion: _Motion) -> tuple[NDArray[np.intp], Array]:
     return which, force
 
 
-def _torques(model: Any, motion: _Motion) -> Array:
+def _torques(model: Any, motion: _Motion, laws: ServoLaws) -> Array:
     """Forces of joints and servos along a motion that these numbers change, (t, nv)."""
     nv = int(model.nv)
+    ahead = np.diff(motion.states[:, nv:], axis=0) / motion.step
     place, rate = motion.states[:-1, :nv], motion.states[:, nv:]
-    out = -model.dof_damping * rate[1:] - model.dof_armature * np.diff(rate, axis=0) / motion.step
+    out = -model.dof_damping * rate[1:] - model.dof_armature * ahead
     out -= model.jnt_stiffness * (place - model.qpos_spring)
     which, force = _servos(model, motion)
     limits = np.where(model.actuator_forcelimited[which, None], model.actuator_forcerange[which],
                       (-np.inf, np.inf))  # fmt: skip
     force = model.actuator_gear[which, 0] * np.clip(force, *limits.T)
     np.add.at(out.T, model.jnt_dofadr[model.actuator_trnid[which, 0]], force.T)
+    out += laws.forces(motion.states[:-1], motion.controls[:-1], ahead, motion.step)
     return np.asarray(out)
 
 
@@ -164,10 +167,11 @@ def _linear(function: Mjcf, run: Run, grid: float = GRID) -> _Linear | None:
     if found is None or not found.is_near(starts):
         changed = function.changed(own)
         model, data = prepared(function, function.structure(changed), run, changed)
-        motion = _motion(function, model, data, run, grid)
+        laws = function.laws(model, own)
+        motion = _motion(function, Player(model, data, threading.Event(), laws), run, grid)
         if motion is None:
             return None
-        found = _Linear(model, motion, starts)
+        found = _Linear(model, motion, starts, laws)
         function.linearized.keep(key, found)
     return found
 
@@ -175,9 +179,10 @@ def _linear(function: Mjcf, run: Run, grid: float = GRID) -> _Linear | None:
 class _Linear:
     """Linearized steps of a motion."""
 
-    def __init__(self, model: Any, motion: _Motion, starts: Mapping[str, float]):
+    def __init__(self, model: Any, motion: _Motion, starts: Mapping[str, float], laws: ServoLaws):
         mj = import_mujoco()
         self.model, self.motion, self.starts, nv = model, motion, starts, model.nv
+        self.laws = laws
         count = min(cores(), 1 + len(motion.begins) // TOGETHER)
         self.data = [mj.MjData(model) for _ in range(count)]
         self.rollout = mj.rollout.Rollout(nthread=count if count > 1 else 0)
@@ -252,8 +257,11 @@ class _Linear:
         begin = np.zeros((len(states), size))
         begin[:, 1 : 1 + states.shape[1]] = states
         spec = mj.mjtState.mjSTATE_CTRL.value
-        if force is not None:
-            given = np.concatenate([given, np.tile(force, (len(given), 1))], axis=1)
+        if force is not None or self.laws:
+            none = np.zeros((len(states), model.nv))
+            acting = self.laws.forces(states, given, none, self.motion.step)
+            acting += 0.0 if force is None else force
+            given = np.concatenate([given, acting], axis=1)
             spec |= mj.mjtState.mjSTATE_QFRC_APPLIED.value
         after, read = self.rollout.rollout(
             [model], self.data, begin, given[:, None], nstep=1, control_spec=spec
@@ -284,7 +292,8 @@ class _Linear:
         total = np.zeros_like(self.torques)
         for values, weight in change:
             model = self.changed(function, run, values)
-            total += weight * (_torques(model, self.motion) - self.torques)
+            laws = function.laws(model, {**run.parameters, **values})
+            total += weight * (_torques(model, self.motion, laws) - self.torques)
         dof = int(np.argmax(np.abs(total).max(axis=0)))
         return dof, total[:, dof]
 
@@ -301,7 +310,7 @@ class _Linear:
     @cached_property
     def torques(self) -> Array:
         """Forces of the joints and servos along the motion, (t, nv)."""
-        return _torques(self.model, self.motion)
+        return _torques(self.model, self.motion, self.laws)
 
     def changed(self, function: Mjcf, run: Run, values: Mapping[str, float]) -> Any:
         """The model with other values of properties."""
@@ -418,10 +427,10 @@ class _Linear:
             )
 
 
-def _motion(function: Mjcf, model: Any, data: Any, run: Run, grid: float) -> _Motion | None:
+def _motion(function: Mjcf, player: Player, run: Run, grid: float) -> _Motion | None:
     """The steps of a run; None: it is unstable."""
-    player, time = Player(model, data, threading.Event()), run.time
-    table = np.repeat(data.ctrl[None], time.size, axis=0)
+    model, time = player.model, run.time
+    table = np.repeat(player.data.ctrl[None], time.size, axis=0)
     for name, column in controls(model).items():
         if name in run.inputs:
             table[:, column] = run.inputs[name]

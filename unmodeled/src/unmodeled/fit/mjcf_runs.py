@@ -25,6 +25,7 @@ from unmodeled.fit.mjcf_changes import (
     quiet,
     set_properties,
 )
+from unmodeled.fit.mjcf_laws import LAWS, ServoLaws, write_sizes
 from unmodeled.fit.mjcf_parts import check_compiled, outside_parts
 from unmodeled.fit.mjcf_start import set_starts
 from unmodeled.fit.running import KEPT, Latest, Run, cores
@@ -32,6 +33,8 @@ from unmodeled.fit.running import KEPT, Latest, Run, cores
 #: Steps of MuJoCo between two looks for Ctrl-C, and steps of all runs for which another thread is
 #: worth its start.
 STEPS, WORTH_A_THREAD = 20_000, 2_000
+#: Keyframe of a remedy whose encoders read what those of the file do at its start.
+BEFORE = "readings_before"
 #: Fields that changes without influence on other fields set.
 CHANGED = ("dof_damping", "dof_frictionloss", "jnt_stiffness", "jnt_range", "actuator_gainprm",
            "actuator_biasprm", "actuator_forcerange")  # fmt: skip
@@ -57,9 +60,9 @@ class _Structure:
 class Player:
     """Steps of one run, from the state of its data."""
 
-    def __init__(self, model: Any, data: Any, stop: threading.Event):
+    def __init__(self, model: Any, data: Any, stop: threading.Event, laws: ServoLaws | None = None):
         mj = import_mujoco()
-        self.model, self.data, self.stop = model, data, stop
+        self.model, self.data, self.stop, self.laws = model, data, stop, laws
         self.rollout = mj.rollout.Rollout(nthread=0).rollout
         self.spec = mj.mjtState.mjSTATE_CTRL.value
         full = mj.mjtState.mjSTATE_FULLPHYSICS.value
@@ -77,6 +80,8 @@ class Player:
     def play(self, controls: Array, step: float) -> bool:
         """Make steps with the same duration [s]; False: the run is unstable."""
         self.model.opt.timestep = step
+        if self.laws:
+            return self._step_by_step(self.laws, controls)
         states, sensors, done = [], [], 0
         while done < len(controls):
             if self.stop.is_set():
@@ -108,6 +113,27 @@ class Player:
         found = np.concatenate(states)
         self.motions = found[:, 1 : 1 + self.model.nq + self.model.nv]
         self.sensors = np.concatenate(sensors)
+        return True
+
+    def _step_by_step(self, laws: ServoLaws, controls: Array) -> bool:
+        """Steps before each of which the laws change the model."""
+        mj, model, data, count = import_mujoco(), self.model, self.data, self.motion.size
+        full = mj.mjtState.mjSTATE_FULLPHYSICS.value
+        states = np.empty((len(controls), self.state.size))
+        self.sensors = np.empty((len(controls), model.nsensordata))
+        mj.mj_setState(model, data, self.state, full)
+        for row, given in enumerate(controls):
+            data.ctrl[:] = given
+            laws(data)
+            mj.mj_step(model, data)
+            self.sensors[row] = data.sensordata
+            mj.mj_getState(model, data, states[row], full)
+        laws.undo()
+        if self.stop.is_set():
+            raise KeyboardInterrupt
+        if any(data.warning[k].number for k in _bad()):
+            return False
+        self.state, self.motions = states[-1], states[:, 1 : 1 + count]
         return True
 
 
@@ -203,16 +229,25 @@ class Mjcf:
             actuator.delay = value
             actuator.nsample = int(np.ceil(value / float(self.model.opt.timestep))) + 2
         add_backlash(spec, self.model, _slack(changed))
+        write_sizes(spec, {n: v for n, v in changed.items() if _law(n)})
         try:
             with quiet():
                 model = spec.compile()
+                pose = model.qpos0.copy()
                 set_properties(model, changed, self.properties)
                 spec.copy_back(model)
+                if any(n.endswith(".zero") for n in changed):  # the same readings as before
+                    spec.add_key(name=BEFORE, qpos=pose)
                 spec.compile()
         except ValueError as error:
             told = ", ".join(f"{n} = {v:.4g}" for n, v in values.items())
             raise InvalidParameter(f"{self.path}: is no MJCF with {told}: {error}") from None
         return spec
+
+    def laws(self, model: Any, values: Mapping[str, float]) -> ServoLaws:
+        """Laws of a run, with the sizes of its values, else of the file."""
+        sizes = {n: values.get(n, p.value) for n, p in self.properties.items() if _law(n)}
+        return ServoLaws(model, sizes)
 
     def structure(self, changed: Mapping[str, float]) -> _Structure:
         """The compiled model for changed properties, without what is only seen."""
@@ -302,7 +337,7 @@ class Mjcf:
 
         A sample has the inputs of its time: readings are those of the step that begins there.
         """
-        player, time = Player(model, data, stop), run.time
+        player, time = Player(model, data, stop, self.laws(model, run.parameters)), run.time
         base, moving = float(self.model.opt.timestep), model.nq + model.nv
         table = np.repeat(data.ctrl[None], time.size, axis=0)
         for name, column in controls(model).items():
@@ -355,6 +390,7 @@ def prepared(
     """A model with changed properties, and its data at the start of a run."""
     mj = import_mujoco()
     model, data = structure.copy()
+    pose = model.qpos0.copy()
     set_properties(model, changed, function.properties)
     if any(function.properties[n].kind.inertial for n in changed):
         mj.mj_setConst(model, data)
@@ -362,9 +398,14 @@ def prepared(
         mj.mj_resetDataKeyframe(model, data, model.key(function.key).id)
     else:
         mj.mj_resetData(model, data)
+        data.qpos[:] = pose  # an encoder with another zero reads the same
     states = {n: v for n, v in run.parameters.items() if n not in function.properties}
     set_starts(model, data, states)
     return model, data
+
+
+def _law(name: str) -> bool:
+    return name.rpartition(".")[2] in LAWS
 
 
 def _slack(changed: Mapping[str, float]) -> list[str]:

@@ -35,6 +35,7 @@ from unmodeled.report.figures import (
     waterfall,
 )
 from unmodeled.report.page import page, render_page
+from unmodeled.report.robot import channels, film, views_of
 from unmodeled.report.why import reasons, why
 from unmodeled.report.words import (
     clause,
@@ -715,7 +716,14 @@ class Report(Result):
     def plot(
         self,
         kind: Literal[
-            "answer", "motion", "evidence", "waterfall", "residual", "correlation", "force"
+            "answer",
+            "motion",
+            "channels",
+            "evidence",
+            "waterfall",
+            "residual",
+            "correlation",
+            "force",
         ] = "waterfall",
     ) -> Figure:
         """Figure of the result.
@@ -725,18 +733,20 @@ class Report(Result):
         kind
             ``"answer"``: the motion and the evidence of the first changes; ``"motion"``: measured,
             the model as it is, and with the changes: the part of a record in which they take away
-            most, and all records; ``"evidence"``: what the records leave for each change, and its
-            law; ``"waterfall"``: the gap of the tabulated model, of the calibrated one, with each
-            cause, and the noise; ``"residual"``: what remains over time; ``"correlation"``:
-            correlation of the fitted parameters and magnitudes; ``"force"``: the force that would
-            explain what remains at the best place, over speed and position.
+            most, and all records; ``"channels"``: what the model leaves of each channel before and
+            after, in a record that was held out, if there is one; ``"evidence"``: what the records
+            leave for each change, and its law; ``"waterfall"``: the gap of the tabulated model, of
+            the calibrated one, with each cause, and the noise; ``"residual"``: what remains over
+            time; ``"correlation"``: correlation of the fitted parameters and magnitudes;
+            ``"force"``: the force that would explain what remains at the best place, over speed and
+            position.
 
         Raises
         ------
         InvalidParameter
             The report has no motions, or no change with evidence.
         """
-        missing = {"answer", "motion"} if self.motions is None else set()
+        missing = {"answer", "motion", "channels"} if self.motions is None else set()
         missing |= set() if self.laws else {"evidence"}
         if kind in missing:
             raise InvalidParameter(
@@ -746,6 +756,7 @@ class Report(Result):
         figures: dict[str, Callable[[Any], Figure]] = {
             "answer": lambda report: answer(report.motions, report.laws),
             "motion": lambda report: motion(report.motions),
+            "channels": lambda report: channels(report.motions),
             "evidence": lambda report: evidence(report.laws),
             "waterfall": waterfall,
             "residual": residuals,
@@ -848,6 +859,39 @@ class Explained:
         magnitudes = np.array([*self.magnitudes, *(c.size for c in own)])
         (record,) = matched(self.original, (record,)).records
         return simulated(self.original, record, theta, included, magnitudes)
+
+    @checked
+    def film(self, path: str | Path, record: Record, *, force: bool = False) -> Path:
+        """Write a video of a robot: measured, in the model as it is, and with the changes.
+
+        The pictures are those of the renderer of MuJoCo, or stick figures where it cannot draw
+        (``MUJOCO_GL=egl`` helps on a machine without a screen). Joints that were not measured stay
+        in the pose of the file.
+
+        Parameters
+        ----------
+        path
+            File to be written, ``.gif``.
+        record
+            Record that is shown, its first ten seconds.
+        force
+            False: an existing file is not overwritten.
+
+        Raises
+        ------
+        InvalidParameter
+            The model is no MuJoCo model, or the file has another ending.
+        """
+        from unmodeled.fit.mjcf import MujocoModel
+
+        model, path = self.original, Path(path)
+        if not isinstance(model, MujocoModel) or path.suffix != ".gif":
+            raise InvalidParameter(f"{path}: expected the name of a .gif, and a MuJoCo model")
+        values, _ = numbers(model, self.theta, self.included, self.magnitudes)
+        (own,) = matched(model, (record,)).records
+        shown = record.outputs, simulated(model, own), self.simulate(record)
+        views = views_of(model.mjcf.model, model.mjcf.patched(values).compile(), shown)
+        return film(path, record.time, views, force=force)
 
     @checked
     def write(self, path: str | Path, *, force: bool = False) -> Path:
