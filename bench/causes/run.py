@@ -47,6 +47,8 @@ ENGINES: Mapping[str, str] = {
     "lasso": "causes.engines.sindy:lasso",
     "petab_select": "causes.engines.petab_select:run",
     "gp": "causes.engines.gp:run",
+    "parameter_list": "causes.engines.parameter_list:run",
+    "cma": "causes.engines.parameter_list:cma",
 }
 Engine = Callable[[Path, float], Mapping[str, Any]]
 

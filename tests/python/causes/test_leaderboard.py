@@ -11,6 +11,7 @@ import pytest
 from blind.marks import Answer, Cause, Truth, mark
 from causes.cases import GRAM, SETS, _beside, opened, truth_of, write
 from causes.page import counts, of_tier, rate, write_page
+from causes.robots import EVERY, NOISE, STEP, Robot
 from causes.run import ENGINES, answer_of, run_case
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -27,7 +28,9 @@ def springs(tmp_path_factory):
 
 def test_sets_have_cases_with_names_of_their_own():
     sizes = {name: len(make()) for name, make in SETS.items()}
-    assert sizes == {"interventions": 19, "measured": 8, "machines": 150, "questions": 9}
+    assert sizes == {
+        "interventions": 19, "measured": 8, "machines": 150, "questions": 9, "robots": 12
+    }  # fmt: skip
     for make in SETS.values():
         assert len({c.name for c in make()}) == len(make())
 
@@ -189,3 +192,20 @@ def test_every_engine_has_its_file():
         module, function = place.split(":")
         path = ROOT / "bench" / Path(*module.split(".")).with_suffix(".py")
         assert f"def {function}(folder: Path, seconds: float)" in path.read_text("utf-8")
+
+
+def test_an_arm_that_is_late_is_late_by_the_steps_that_were_drawn(tmp_path):
+    """The folder has the file of the owner; its simulation with late goals is the record."""
+    case = next(c for c in SETS["robots"]() if Robot(int(c.name[6:])).steps_late)
+    write(case, tmp_path / case.name, tmp_path)
+    model, effects, records = opened(tmp_path / case.name)
+    assert {"delay of all inputs", "joint0.frictionloss"} <= {e.name for e in effects}
+    record, robot = records[0], Robot(int(case.name[6:]))
+    late = STEP * robot.steps_late
+    fine = np.arange(0.0, record.time[-1], STEP)
+    held = {n: u[np.maximum((fine - late) / (STEP * EVERY) + 1e-6, 0.0).astype(int)]
+            for n, u in record.inputs.items()}  # fmt: skip
+    start = {f"{n}": float(v[0]) for n, v in record.outputs.items()}
+    seen = model.mjcf(fine, held, start)
+    rms = [np.std(np.interp(record.time, fine, seen[n]) - v) for n, v in record.outputs.items()]
+    assert max(rms) < 1.5 * NOISE
