@@ -74,7 +74,7 @@ DECISIONS = {
     "search/score.py": "ALIKE",
     "search/search.py": "WORTH",
     "search/tolerances.py": "NEGLIGIBLE ALONE TOGETHER",
-    "search/verdict.py": "CLASS EQUAL ONLY_NOISE",
+    "search/verdict.py": "CLASS EQUAL",
     "fit/mjcf.py": "STEP_ERROR OF_SPREAD",
     "fit/mjcf_changes.py": "ARMATURE CONTACT",
     "fit/noise.py": "AGREES",
