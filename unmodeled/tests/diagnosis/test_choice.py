@@ -102,6 +102,15 @@ def test_another_law_takes_the_place_of_an_imitation(monkeypatch):
     assert found[0].left
     needs[1,] = {1: Need(9.0, differs=1e-6)}
     assert pruned(monkeypatch, (0,), needs, probable=[(1,)])[0] == ()
+    # What has left does not come again.
+    needs = {
+        (0, 2): {0: Need(9.0, differs=1e-6), 2: Need(9.0)},
+        (1, 3): {1: Need(9.0, differs=1e-6), 3: Need(-3.0)},
+        (1,): {1: Need(9.0, differs=1e-6)},
+        (3,): {3: Need(9.0, differs=1e-6)},
+        (2,): {2: Need(9.0)},
+    }
+    assert pruned(monkeypatch, (0, 2), needs, probable=[(1, 3), (3,)])[0] == ()
 
 
 def test_a_set_whose_rest_cannot_be_fitted_stays(monkeypatch):

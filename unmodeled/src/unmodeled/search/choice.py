@@ -258,17 +258,16 @@ def _pruned(
         rest = out.everything.sets.get(tuple(i for i in now.causes if i != out_of))
         if rest is None:  # it cannot be fitted
             return now, {**left, **needs}
-        now = rest if leaves[out_of].differs >= SAME else _consistent(out, rest, left)
+        now = rest if leaves[out_of].differs >= SAME else _next(out, rest, left)
     return now, left
 
 
-def _consistent(out: Chosen, rest: Fitted, left: Mapping[int, Need]) -> Fitted:
-    """The most probable set without the members that differ between records: another law may not.
+def _next(out: Chosen, rest: Fitted, left: Mapping[int, Need]) -> Fitted:
+    """The most probable set without what has left: another law may be the same in all records.
 
-    ``rest``: the set without the last of them.
+    ``rest``: the set without the last member that left.
     """
-    differ = {i for i, n in left.items() if n.differs < SAME}
-    sets = [s for s in out.everything.sets.values() if not differ & {*s.causes}]
+    sets = [s for s in out.everything.sets.values() if not {*left} & {*s.causes}]
     return best_of(out.problem, [rest, *sets])
 
 
