@@ -97,6 +97,44 @@ def test_numbers_of_joints_and_servos_need_no_steps_of_a_changed_model(ready, mo
     assert not used
 
 
+def test_a_measured_torque_is_that_of_the_servo_and_shows_its_numbers_at_once(tmp_path):
+    (tmp_path / "arm.xml").write_text(ARM)
+    time = np.arange(0.0, 1.0, 0.01)
+    inputs = {"c1": 0.5 * np.sin(7.0 * time), "c2": -0.4 + 0.4 * np.sin(11.0 * time)}
+    raw = mujoco.MjModel.from_xml_string(ARM)
+    data, torque, seen = mujoco.MjData(raw), [], []
+    for row in zip(*inputs.values(), strict=True):
+        data.ctrl[:] = row
+        mujoco.mj_forward(raw, data)
+        seen.append(data.qpos.copy())
+        torque.append(data.qfrc_actuator.copy())
+        mujoco.mj_step(raw, data, 5)
+    names = ("hip.position", "knee.position", "hip.torque", "knee.torque")
+    outputs = dict(zip(names, np.hstack([seen, torque]).T, strict=True))
+    record = Record(name="run", time=time, inputs=inputs, outputs=outputs)
+    model = unmodeled.mujoco(tmp_path / "arm.xml")
+    ready = model.ready([record])
+    model, (record,) = ready.model, ready.records
+    run = model._tabulated_run(record)
+    plain = model.mjcf(time, inputs, run.parameters)
+    for name in names:
+        np.testing.assert_allclose(plain[name], outputs[name], atol=1e-3 * np.ptp(outputs[name]))
+    for name, h in (
+        ("c1.kp", 0.1),
+        ("c2.kv", 0.01),
+        ("hip.damping", 0.01),
+        ("knee.armature", 1e-4),
+    ):
+        value = model.mjcf.properties[name].value
+        run.parameters[name] = value
+        found = columns_of(model.mjcf, run, [[({name: value + h}, 1.0 / h)]], (), (), names)
+        other = model.mjcf(time, inputs, {**run.parameters, name: value + h})
+        for k, n in enumerate(names):
+            exact = (other[n] - plain[n]) / h
+            assert np.linalg.norm(found[:, k, 0] - exact) < 0.08 * np.linalg.norm(exact), (name, n)
+    assert "torque" not in model.mjcf.spec.to_xml()
+
+
 def test_many_starts_need_no_runs_in_a_fit_either(ready):
     record = ready.records[0]
     free = {s.name: 1.0 for s in ready.model.states()}

@@ -334,7 +334,12 @@ def _(model: MujocoModel, records: Sequence[Record]) -> Ready:
     InvalidParameter
         An input of a record is no actuator.
     """
-    known = controls(model.mjcf.model)
+    known, shown = controls(model.mjcf.model), {n for r in records for n in r.outputs}
+    joints = [j.name for j in joints_of(model.mjcf.model) if f"{j.name}.torque" in shown]
+    if joints and not model.mjcf.torques:
+        model = copy.copy(model)
+        model.mjcf = model.function = model.mjcf.with_torques(joints)
+        model._runner = model._new_runner()
     if not any(model.open):
         ready = match_simulator(model, records)
         left = ", ".join(n for n in known if n not in model.inputs)
@@ -373,10 +378,10 @@ def _(
     known = model.mjcf.properties
     values = {n: v for n, v in values.items() if v != known[n].value}
     for name in controls(model.mjcf.model):
-        late = -effects.get(f"delay of input {name}", 0.0)
+        late = -effects.pop(f"delay of input {name}", 0.0) - effects.get("delay of all inputs", 0.0)
         if late > 0.0:
             values[f"{name}.delay"] = late
-            del effects[f"delay of input {name}"]
+    effects.pop("delay of all inputs", None)
     return values, effects
 
 

@@ -30,6 +30,9 @@ SMALL, SMALL_RATE = 1e-6, 1e-5
 #: Blocks whose changes are computed together, and that are worth a thread.
 TOGETHER = 500
 
+#: A force on a degree of freedom in each step, (t,), the readings that show it at once, and what
+#: these show, (t,).
+Force = tuple[int, Array, list[int], Array]
 #: Values of all properties that differ from those of the run, with a weight in the derivative.
 Change = Sequence[tuple[Mapping[str, float], float]]
 
@@ -58,8 +61,11 @@ OF_JOINTS = ("damping", "stiffness", "armature", *LAWS)
 OF_SERVOS = ("kp", "kv", "gain", "gear", "force")
 
 
-def _servos(model: Any, motion: _Motion) -> tuple[NDArray[np.intp], Array]:
-    """Actuators with a gain and a bias on one joint, and their forces without limits, (t, n)."""
+def _servos(model: Any, motion: _Motion, after: int = 1) -> tuple[NDArray[np.intp], Array]:
+    """Actuators with a gain and a bias on one joint, and their forces without limits, (t, n).
+
+    ``after``: with the speed after each step, as implicit integrators have it, or before it (0).
+    """
     mj = import_mujoco()
     plain = (
         (model.actuator_trntype == int(mj.mjtTrn.mjTRN_JOINT))
@@ -75,8 +81,8 @@ def _servos(model: Any, motion: _Motion) -> tuple[NDArray[np.intp], Array]:
     dof, ratio = model.jnt_dofadr[model.actuator_trnid[which, 0]], model.actuator_gear[which, 0]
     bias = model.actuator_biasprm[which].T
     nv = int(model.nv)
-    # Implicit integrators take the speed after the step.
-    length, rate = ratio * motion.states[:-1, dof], ratio * motion.states[1:, nv + dof]
+    rates = motion.states[after:][: len(given), nv + dof]
+    length, rate = ratio * motion.states[:-1, dof], ratio * rates
     force = model.actuator_gainprm[which, 0] * given + bias[0] + bias[1] * length + bias[2] * rate
     return which, force
 
@@ -86,15 +92,21 @@ def _torques(model: Any, motion: _Motion, laws: ServoLaws) -> Array:
     nv = int(model.nv)
     ahead = np.diff(motion.states[:, nv:], axis=0) / motion.step
     place, rate = motion.states[:-1, :nv], motion.states[:, nv:]
-    out = -model.dof_damping * rate[1:] - model.dof_armature * ahead
+    out = _driven(model, motion) - model.dof_damping * rate[1:] - model.dof_armature * ahead
     out -= model.jnt_stiffness * (place - model.qpos_spring)
-    which, force = _servos(model, motion)
+    out += laws.forces(motion.states[:-1], motion.controls[:-1], ahead, motion.step)
+    return np.asarray(out)
+
+
+def _driven(model: Any, motion: _Motion, after: int = 1) -> Array:
+    """Forces of servos on the coordinates, (t, nv); ``after``: see :func:`_servos`."""
+    which, force = _servos(model, motion, after)
+    out = np.zeros((len(force), int(model.nv)))
     limits = np.where(model.actuator_forcelimited[which, None], model.actuator_forcerange[which],
                       (-np.inf, np.inf))  # fmt: skip
     force = model.actuator_gear[which, 0] * np.clip(force, *limits.T)
     np.add.at(out.T, model.jnt_dofadr[model.actuator_trnid[which, 0]], force.T)
-    out += laws.forces(motion.states[:-1], motion.controls[:-1], ahead, motion.step)
-    return np.asarray(out)
+    return out
 
 
 def largest_forces(function: Mjcf, run: Run) -> dict[str, float]:
@@ -129,7 +141,7 @@ def columns_of(
         linear = _linear(function, run, GRID if changes or inputs else np.inf)
         if linear is None:
             return None
-        along, pushes = dict[int, tuple[int, Array]](), dict[int, tuple[Array, Array]]()
+        along, pushes = dict[int, Force](), dict[int, tuple[Array, Array]]()
         for c, change in enumerate(changes):
             force = linear.force_of(function, run, change)
             if force is None:
@@ -283,27 +295,40 @@ class _Linear:
         """Each step of the motion, not only those at the begins of blocks."""
         return self.steps(self.model, self.motion.states, self.motion.controls)
 
-    def force_of(self, function: Mjcf, run: Run, change: Change) -> tuple[int, Array] | None:
-        """Degree of freedom on which a change is a force, and this force, (t,); None: not so."""
+    def force_of(self, function: Mjcf, run: Run, change: Change) -> Force | None:
+        """What a change is as a force; None: it is none."""
         for name in {n for values, _ in change for n in values}:
             owner, _, what = name.rpartition(".")
             if what not in OF_JOINTS and not (what in OF_SERVOS and owner in self.servos):
                 return None
-        total = np.zeros_like(self.torques)
+        total, shown = np.zeros_like(self.torques), np.zeros_like(self.torques)
         for values, weight in change:
             model = self.changed(function, run, values)
+            shown += weight * (_driven(model, self.motion, 0) - self.driven)
             laws = function.laws(model, {**run.parameters, **values})
             total += weight * (_torques(model, self.motion, laws) - self.torques)
         dof = int(np.argmax(np.abs(total).max(axis=0)))
-        return dof, total[:, dof]
+        return dof, total[:, dof], self.torque_sensors(dof), shown[:, dof]
+
+    def torque_sensors(self, dof: int) -> list[int]:
+        """Readings that are the torque of a joint by its actuators."""
+        m, kind = self.model, int(import_mujoco().mjtSensor.mjSENS_JOINTACTFRC)
+        return [
+            int(m.sensor_adr[i])
+            for i in np.flatnonzero(m.sensor_type == kind)
+            if int(m.jnt_dofadr[m.sensor_objid[i]]) == dof
+        ]
 
     @cached_property
     def servos(self) -> set[str]:
         """Servos whose numbers are nothing but forces on joints.
 
-        A sensor of forces or of accelerations shows the change of any number at once.
+        A sensor of forces or of accelerations shows the change of any number at once; what that of
+        the torque of a joint shows is this force.
         """
-        if (self.model.sensor_needstage == int(import_mujoco().mjtStage.mjSTAGE_ACC)).any():
+        mj = import_mujoco()
+        forces = self.model.sensor_needstage == int(mj.mjtStage.mjSTAGE_ACC)
+        if (forces & (self.model.sensor_type != int(mj.mjtSensor.mjSENS_JOINTACTFRC))).any():
             return set()
         return {self.model.actuator(int(i)).name for i in _servos(self.model, self.motion)[0]}
 
@@ -311,6 +336,11 @@ class _Linear:
     def torques(self) -> Array:
         """Forces of the joints and servos along the motion, (t, nv)."""
         return _torques(self.model, self.motion, self.laws)
+
+    @cached_property
+    def driven(self) -> Array:
+        """What sensors of the torques of joints read, (t, nv)."""
+        return _driven(self.model, self.motion, 0)
 
     def changed(self, function: Mjcf, run: Run, values: Mapping[str, float]) -> Any:
         """The model with other values of properties."""
@@ -353,7 +383,7 @@ class _Linear:
         self,
         moving: Array,
         pushes: Mapping[int, tuple[Array, Array]],
-        along: Mapping[int, tuple[int, Array]],
+        along: Mapping[int, Force],
         driven: Array,
         where: Sequence[Sequence[int]],
     ) -> Array:
@@ -392,7 +422,7 @@ class _Linear:
         return self.summed(self.by_control[0][:-1])
 
     def _pushed(
-        self, along: Sequence[tuple[int, Array]], pushes: Sequence[tuple[Array, Array]]
+        self, along: Sequence[Force], pushes: Sequence[tuple[Array, Array]]
     ) -> Iterator[tuple[Array, Array]]:
         """What changes do to the states at the end of each block, and to the sensors at its begin.
 
@@ -400,9 +430,10 @@ class _Linear:
         """
         begins = self.motion.begins
         values = np.zeros((len(self.motion.states), len(along)))
-        for c, (_, force) in enumerate(along):
-            values[:-1, c] = force
-        dofs = [dof for dof, _ in along]
+        readings = np.zeros_like(values)
+        for c, (_, force, _, shown) in enumerate(along):
+            values[:, c], readings[:, c] = (np.append(y, y[-1]) for y in (force, shown))
+        dofs = [dof for dof, *_ in along]
         # At the end nothing is pushed any more.
         ended = [(np.concatenate([p, p[-1:]]), q) for p, q in pushes]
         for first in range(0, len(begins), TOGETHER):
@@ -415,6 +446,8 @@ class _Linear:
                 )
             )
             shown = shown * values[begins[some], None]
+            for c, (_, _, rows, _) in enumerate(along):
+                shown[:, rows, c] += readings[begins[some], c, None]
             lengths, total = np.append(self.lengths, 0)[some], np.zeros_like(one)
             for i in range(int(lengths.max())):
                 there = np.flatnonzero(i < lengths)

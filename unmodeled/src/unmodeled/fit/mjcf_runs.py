@@ -152,6 +152,8 @@ class Mjcf:
         self.path, self.key, self.settle, self.hold = path, key, settle, hold
         self.parts = 1
         """Parts of each time step; more than 1 tells the error of the time step."""
+        self.torques: tuple[str, ...] = ()
+        """Joints whose torque by all their actuators is an output, ``JOINT.torque``."""
         self.notices: tuple[str, ...] = ()
         """Notes for the user."""
         self._read_file()
@@ -198,7 +200,7 @@ class Mjcf:
         mj = import_mujoco()
         whole = np.empty(mj.mj_sizeModel(self.model), np.uint8)
         mj.mj_saveModel(self.model, None, whole)
-        own = self.key, self.settle, self.hold, self.parts, mj.__version__
+        own = self.key, self.settle, self.hold, self.parts, self.torques, mj.__version__
         return f"{self.path.name} sha256 {hashlib.sha256(whole.tobytes()).hexdigest()} {own}"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -210,6 +212,16 @@ class Mjcf:
         self._read_file()
 
     # ------------------------------------------------------------------------------------ changes
+
+    def with_torques(self, joints: Sequence[str]) -> Mjcf:
+        """The function with the torques of joints among its outputs."""
+        out = copy.copy(self)
+        out.torques, out._structures, out.linearized = (
+            tuple(joints),
+            {},
+            Latest(KEPT // 4, lambda one: one.size),
+        )
+        return out
 
     def changed(self, values: Mapping[str, float]) -> dict[str, float]:
         """Properties that differ from those of the file."""
@@ -276,6 +288,10 @@ class Mjcf:
         spec = self.spec.copy()
         spec.compiler.discardvisual = not visual
         add_backlash(spec, self.model, slack)
+        mj = import_mujoco()
+        for joint in self.torques:
+            kind, of = mj.mjtSensor.mjSENS_JOINTACTFRC, mj.mjtObj.mjOBJ_JOINT
+            spec.add_sensor(name=f"{joint}.torque", type=kind, objtype=of, objname=joint)
         for b in aside:
             spec.body(self.model.body(b).name).simple = False
         return spec.compile()
