@@ -259,7 +259,7 @@ def test_result_of_the_engine_as_an_answer(monkeypatch):
     result = SimpleNamespace(
         verdict=SimpleNamespace(value="named"), reasons=(), named=(cause,), classes=((other,),),
         parameters=(fitted,), held_out_gain=(0.4, 0.3, 0.5), supported=(), summary=lambda: "found",
-        worst=SimpleNamespace(held_out_explained=0.4),
+        worst=SimpleNamespace(held_out_explained=0.4), findings=(),
     )  # fmt: skip
     engine = SimpleNamespace(Options=lambda seconds: seconds, diagnose=lambda *_, **__: result)
     monkeypatch.setattr(blind.yardstick, "unmodeled", engine)
