@@ -142,3 +142,28 @@ def test_a_payload_is_at_the_outermost_body_or_a_named_site(tmp_path):
     at_site = named.mjcf(time, inputs, {"tip.payload": 0.06})
     same = {"tool.payload": 0.06, "tool.payload_x": 0.03}
     np.testing.assert_allclose(at_site["hip"], named.mjcf(time, inputs, same)["hip"], atol=1e-12)
+
+
+URDF = """<robot name="swing"><link name="base"/><link name="bar"><inertial><origin xyz="0 0 -0.2"/>
+<mass value="0.7"/><inertia ixx="0.004" iyy="0.004" izz="0.0004" ixy="0" ixz="0" iyz="0"/>
+</inertial></link><joint name="hip" type="continuous"><parent link="base"/><child link="bar"/>
+<axis xyz="0 1 0"/><dynamics damping="0.05" friction="0.02"/></joint></robot>"""
+SAME = """<mujoco><worldbody><body name="bar"><joint name="hip" axis="0 1 0" damping="0.05"
+ frictionloss="0.02"/><inertial pos="0 0 -0.2" mass="0.7" diaginertia="0.004 0.004 0.0004"/>
+</body></worldbody></mujoco>"""
+
+
+def test_a_urdf_is_the_model_of_the_same_mjcf(tmp_path):
+    (tmp_path / "swing.urdf").write_text(URDF)
+    (tmp_path / "swing.xml").write_text(SAME)
+    urdf, mjcf = (unmodeled.mujoco(tmp_path / f"swing.{end}") for end in ("urdf", "xml"))
+    time = np.arange(0.0, 2.0, 0.01)
+    start = {"hip.position": 0.8}
+    seen = [m.mjcf(time, {}, start)["hip"] for m in (urdf, mjcf)]
+    np.testing.assert_allclose(*seen, atol=1e-9)
+    assert np.ptp(seen[0]) > 0.8
+    noise = NOISE * np.random.default_rng(2).standard_normal(time.size)
+    record = Record(name="swing", time=time, inputs={}, outputs={"hip": seen[1] + noise},
+                    sensors={"hip": Sensor(name="hip", unit="rad", sigma=NOISE)})  # fmt: skip
+    (row,) = unmodeled.check(urdf, record).rows
+    assert row.rms < 2.0 * NOISE
