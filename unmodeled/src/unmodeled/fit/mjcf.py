@@ -31,7 +31,16 @@ from unmodeled.fit.mjcf_start import (
     starts_of,
     unit_of_start,
 )
-from unmodeled.fit.priors import MOST, Bounds, Priors, Unknowns, share_of, sized, wanted_change
+from unmodeled.fit.priors import (
+    MOST,
+    TRIALS,
+    Bounds,
+    Priors,
+    Unknowns,
+    share_of,
+    sized,
+    wanted_change,
+)
 from unmodeled.fit.running import Run
 from unmodeled.fit.simulator import Simulator, match_simulator, numbers_of_simulator
 from unmodeled.models.matching import matched
@@ -122,7 +131,7 @@ class MujocoModel(Simulator):
             elif what == "force" and owner in used:
                 limit = known[name].value
                 sizes[name] = limit - (1.0 - MOST) * min(used[owner], limit)
-        sizes = {n: float(f"{v:.2g}") for n, v in sizes.items()}
+        sizes = {n: float(f"{min(v, self._largest(n)):.2g}") for n, v in sizes.items()}
         told = ", ".join(f"{n} {v:g} {known[n].unit}" for n, v in sizes.items())
         notes = [f"expected sizes, from their influence on record {record.name}: {told}"]
         effects = tuple(
@@ -152,6 +161,18 @@ class MujocoModel(Simulator):
         found = self._by_probes(self._tabulated_run(record), tested) or {}
         kinds = {n: INFLUENCES.get(n.rpartition(".")[2], GRAVITY) for n in found}
         return [Influence(n, by, *kinds[n]) for n, by in found.items()]
+
+    def _largest(self, name: str) -> float:
+        """Largest expected size: a stiff servo hides changes that no robot has."""
+        owner, _, what = name.rpartition(".")
+        value = abs(self.mjcf.properties[name].value)
+        if owner == "gravity":
+            return MOST
+        if what == "payload":
+            return float(self.mjcf.model.body_subtreemass[0])
+        if what in ("kp", "kv", "gear", "gain", "force"):
+            return value or np.inf
+        return TRIALS * value or np.inf
 
     def _side(self, effect: Effect, used: Mapping[str, float]) -> Literal[-1, 0, 1]:
         """Sign of a change: of a largest force that is not reached, only a smaller one shows."""
