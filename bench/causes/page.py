@@ -33,7 +33,7 @@ SEEN = {
     "parameter_list": "robots only: file and records; all numbers of joints and servos, a payload, "
     "one delay, by least squares within bounds, as `mujoco.sysid`; told is what differs "
     "by three standard deviations",
-    "cma": "the same list by CMA-ES, until 70 % of the limit",
+    "cma": "the same list by CMA-ES until 70 % of the limit, within which it did not converge",
 }
 Row = Mapping[str, Any]
 
