@@ -91,7 +91,10 @@ class Derivatives:
             The points and the variables of differentiation.
         """
         # What is cached is found before the threads start: results do not depend on their order.
-        tasks = [(request, self._points.get(self.place(request), dict)) for request in requests]
+        # Requests of one call share their points, also if these are more than are kept.
+        places = [self.place(request) for request in requests]
+        points = {place: self._points.get(place, dict) for place in dict.fromkeys(places)}
+        tasks = [(request, points[place]) for request, place in zip(requests, places, strict=True)]
         return self.simulator.in_parallel(
             lambda task: self._of(*task), tasks, lambda task: id(task[1])
         )

@@ -7,6 +7,7 @@ import feltmb
 from blind.refined import KINDS, refined
 from feltmb.adapters import load_library, mechanism_model
 from feltmb.adapters.changes import Configurations, changed_config
+from feltmb.adapters.derivatives import POINTS
 from feltmb.adapters.model import resolve
 from unmodeled import Options
 from unmodeled.data import Record, Sensor
@@ -121,6 +122,17 @@ def test_one_pass_a_point_and_only_what_is_missing_later(adapter):
     assert model.derivatives.passes == passes + 2
     model.sensitivities([asked(record, theta + 1e-9)])
     assert model.derivatives.passes == passes + 3
+
+
+def test_requests_of_one_call_share_a_point_also_if_others_are_between(adapter):
+    model, _, record = adapter
+    short, theta = record.cut(0, 20), np.full(len(model.parameters), 2e-8)
+    others = [asked(short, theta + k * 1e-9, by_theta=(0,)) for k in range(1, 1 + POINTS)]
+    first = asked(short, theta, by_theta=(0,))
+    passes = model.derivatives.passes
+    found = model.sensitivities([first, *others, first])
+    assert model.derivatives.passes == passes + 1 + POINTS
+    assert np.array_equal(found[0].d_theta, found[-1].d_theta)
 
 
 def creeping(adapter, workers):
