@@ -268,28 +268,23 @@ def _record(
     by_order: Collection[str],
 ) -> tuple[Record, list[Assigned]]:
     """Record of a run at the times of its first measured position."""
-    used = [s for s in log.signals if s.joint in place and _channel(s, place[s.joint])]
-    measured = next((s for s in used if s.kind == "position"), None)
+    known = [(s, joint) for s in log.signals if (joint := place.get(s.joint))]
+    used = [(s, joint, channel) for s, joint in known if (channel := _channel(s, joint))]
+    measured = next((s for s, *_ in used if s.kind == "position"), None)
     if measured is None:
         there = shortened(", ".join(s.told for s in log.signals), 300)
         raise DataError(f"{path}: {log.name}: no measured position of a joint; there are {there}")
     clock = measured.time
-    begin = max(s.time[0] for s in used) - 1e-3 * float(np.median(np.diff(clock)))
+    begin = max(s.time[0] for s, *_ in used) - 1e-3 * float(np.median(np.diff(clock)))
     clock, told = _even(clock[clock >= begin])
     notes = [*log.notes, *(f"{log.name}: {text}" for text in told)]
     columns: dict[str, dict[str, Array]] = {"goal": {}, "position": {}}
-    sensors, rows = {}, []
-    for s in log.signals:
-        joint, unit, guessed = place.get(s.joint), s.unit, ""
-        channel = _channel(s, joint) if joint is not None else ""
-        if channel and joint is not None:
-            unit = _unit_of(s, joint, stated)
-            values = _at(clock, s.time, _in_si(path, s, joint, unit), held=s.kind == "goal")
-            columns[s.kind][channel] = values
-            if s.kind == "position":
-                sensors[channel] = Sensor(name=channel, unit=joint.unit or "1")
-            guessed = _guessed(s, joint, stated, by_order)
-        rows.append(Assigned(f"{s.joint} {s.kind}", channel, unit, s.time.size, s.rate, guessed))
+    rows = {s: _row(s) for s in log.signals}
+    for s, joint, channel in used:
+        unit = _unit_of(s, joint, stated)
+        values = _at(clock, s.time, _in_si(path, s, joint, unit), held=s.kind == "goal")
+        columns[s.kind][channel] = values
+        rows[s] = _row(s, channel, unit, _guessed(s, joint, stated, by_order))
     goals = columns["goal"]
     units = {j.actuator: j.unit for j in place.values()}
     record = Record(
@@ -298,12 +293,17 @@ def _record(
         inputs=goals,
         input_units={n: units[n] for n in goals if units.get(n)},
         outputs=columns["position"],
-        sensors=sensors,
+        sensors={c: Sensor(name=c, unit=j.unit or "1") for s, j, c in used if s.kind == "position"},
         conditions=log.conditions,
         source=log.source,
         notes=tuple(notes),
     )
-    return record, rows
+    return record, [*rows.values()]
+
+
+def _row(s: Signal, channel: str = "", unit: str = "", guessed: str = "") -> Assigned:
+    """What a signal became."""
+    return Assigned(f"{s.joint} {s.kind}", channel, unit or s.unit, s.time.size, s.rate, guessed)
 
 
 def _channel(signal: Signal, joint: Joint) -> str:

@@ -23,7 +23,7 @@ exp(-L_ab)). The value of an experiment is the mean of p_a over all possible cau
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal
@@ -109,16 +109,10 @@ class Belief:
         data = report.as_dict() if isinstance(report, Result) else report
         try:
             named = {n["cause"]: n for n in data["named"]}
-            weights: dict[str, float] = {}
-            none = 0.0
-            for s in data["sets"]:
-                rest = [c for c in s["causes"] if c not in named]
-                none += 0.0 if rest else float(s["probability"])
-                for c in rest:
-                    weights[c] = weights.get(c, 0.0) + float(s["probability"]) / len(rest)
+            weights = _shares(data["sets"], named)
             return cls(
+                none=weights.pop("", 0.0),
                 weights=weights,
-                none=none,
                 magnitudes={
                     n["cause"]: abs(float(n["magnitude"]))
                     for group in data["classes"]
@@ -142,6 +136,16 @@ class Belief:
                 f"report: is none of a diagnosis ({type(error).__name__}: {error}); expected "
                 "report.json of unmodeled diagnose"
             ) from None
+
+
+def _shares(sets: Sequence[Mapping[str, Any]], named: Collection[str]) -> dict[str, float]:
+    """Probability by cause that is not named, equal shares of its sets; "": of none of them."""
+    weights: dict[str, float] = {}
+    for s in sets:
+        rest = [c for c in s["causes"] if c not in named] or [""]
+        for c in rest:
+            weights[c] = weights.get(c, 0.0) + float(s["probability"]) / len(rest)
+    return weights
 
 
 def _shape(value: Any) -> Any:

@@ -49,6 +49,7 @@ from unmodeled.models.model import (
     State,
     prior_jobs,
     start_in,
+    twice,
 )
 from unmodeled.ode.batch import LONGEST, RECORDS, doubts, sensitivities, simulated
 from unmodeled.ode.plain import along
@@ -158,18 +159,16 @@ class Equations(Model):
         self.effects = tuple(by_rates(rates, e, neutral) for e in given.effects)
         self._unscaled = isinstance(states, Mapping)
         found = trial(self._rates, self._states, self.parameters, inputs)
-        outputs = {s.name: s.name for s in self._states} if outputs is None else outputs
-        inputs = found.inputs if inputs is None else inputs
+        if outputs is None:
+            outputs = {s.name: s.name for s in self._states}
         self.outputs = tuple(outputs)
-        self.inputs = tuple(inputs)
+        self.inputs = tuple(found.inputs if inputs is None else inputs)
         self._inferred = coordinates is None
         self._coupled = found.coupled
-        if coordinates is None:
-            coordinates = (*found.coordinates, *found.coupled.couplings)
-            own = {n for c in coordinates for n in (c.position, c.speed)}
-            if ports is None and self._unscaled:
-                ports = {s.name: s.name for s in self._states if s.name not in own}
-        self.coordinates = tuple(coordinates)
+        self.coordinates = tuple(found.places if coordinates is None else coordinates)
+        if self._inferred and self._unscaled and ports is None:
+            own = {n for c in self.coordinates for n in (c.position, c.speed)}
+            ports = {s.name: s.name for s in self._states if s.name not in own}
         self.substeps = substeps
         self.hold: Literal["auto", "linear", "zero", "spline", "other", "between"] = hold
         self.method = method
@@ -223,28 +222,22 @@ class Equations(Model):
         """Names that are used twice, or that are no states."""
         names = [s.name for s in self._states]
         everything = [*names, *(p.name for p in self.parameters), *self._unknown, *self.inputs]
-        for n in dict.fromkeys(everything):
-            if everything.count(n) > 1:
-                yield f"{n!r} is used twice"
-        ports = [p.name for p in self.ports]
-        for n in dict.fromkeys(ports):
-            if ports.count(n) > 1:
-                yield f"{n!r} names two coordinates or ports"
-        wanted = [
-            (f"output {n}", of.state if isinstance(of, Rate) else of)
-            for n, of in self._outputs.items()
-        ]
-        wanted += [
-            (f"coordinate {c.name}", n)
-            for c in self.coordinates
-            for part in c.parts
-            for n in (part.position, part.speed)
-            if n
-        ]
-        wanted += [(f"port {port}", state) for port, state in self._port_states.items()]
-        for what, state in wanted:
-            if isinstance(state, str) and state not in names:
+        yield from (f"{n!r} is used twice" for n in twice(everything))
+        ports = twice([p.name for p in self.ports])
+        yield from (f"{n!r} names two coordinates or ports" for n in ports)
+        for what, state in self._states_of_parts():
+            if state not in names:
                 yield f"{what}: {state!r} is no state; known are {', '.join(names)}"
+
+    def _states_of_parts(self) -> Iterator[tuple[str, str]]:
+        """Parts of the model in words, and the states that they name."""
+        for name, of in self._outputs.items():
+            if isinstance(of, str | Rate):
+                yield f"output {name}", of.state if isinstance(of, Rate) else of
+        for c in self.coordinates:
+            used = (n for part in c.parts for n in (part.position, part.speed) if n)
+            yield from ((f"coordinate {c.name}", n) for n in used)
+        yield from ((f"port {port}", state) for port, state in self._port_states.items())
 
     def _faults_of_coordinates(self) -> Iterator[str]:
         """Inertias, units and ends of coordinates and couplings that do not fit the model."""
@@ -760,6 +753,11 @@ class Trial:
     coordinates: tuple[Coordinate, ...] = ()
     coupled: Found = field(default_factory=Found)
 
+    @property
+    def places(self) -> tuple[Coordinate | Coupling, ...]:
+        """Coordinates and couplings."""
+        return (*self.coordinates, *self.coupled.couplings)
+
 
 class _Points:
     """Rates at random points of states, inputs and parameters."""
@@ -813,6 +811,20 @@ def trial(
     except (Exception, NotTraceable):  # it needs other values; a simulation tells
         return Trial(tuple(values_of(points.u)))
 
+    found = _coordinates(states, x, base, heavy)
+    try:
+        tabulated = Slopes(points.at, x, {q.name: np.full(POINTS, q.value) for q in parameters})
+        coupled = couplings_in(found, tabulated, Slopes(points.at, x, p), masses)
+    except (Exception, NotTraceable):  # as above
+        coupled = Found()
+    return Trial(tuple(values_of(points.u)), tuple(found), coupled)
+
+
+def _coordinates(
+    states: Sequence[State], x: Values, base: Values, heavy: Mapping[str, Values]
+) -> list[Coordinate]:
+    """States whose rate is another state, and other speeds; a mass that is doubled halves rates."""
+
     def coordinate(position: State | None, speed: State) -> Coordinate:
         rate = base[speed.name]
         halved = [
@@ -828,13 +840,7 @@ def trial(
         found += [coordinate(q, v) for v in speeds if len(speeds) == 1]
     used = {n for c in found for n in (c.position, c.speed)}
     free = [v for v in states if v.name not in used and _travel_unit(v.unit)]
-    found += [coordinate(None, v) for v in free]
-    try:
-        tabulated = Slopes(points.at, x, {q.name: np.full(POINTS, q.value) for q in parameters})
-        coupled = couplings_in(found, tabulated, Slopes(points.at, x, p), masses)
-    except (Exception, NotTraceable):  # as above
-        coupled = Found()
-    return Trial(tuple(values_of(points.u)), tuple(found), coupled)
+    return [*found, *(coordinate(None, v) for v in free)]
 
 
 def _massive(parameter: Parameter) -> bool:

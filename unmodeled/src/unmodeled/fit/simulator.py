@@ -42,6 +42,7 @@ from unmodeled.models.model import (
     State,
     check_shapes,
     difference_offsets,
+    twice,
 )
 from unmodeled.models.writing import numbers
 from unmodeled.ode.calling import calling
@@ -213,10 +214,7 @@ class Simulator(Model):
         self.outputs = tuple(outputs or ())
         self._names = (*(p.name for p in self.parameters), *self._neutral)
         self.units = given.units
-        everything = [*self._names, *self.inputs]
-        faults = [
-            f"{n!r} is used twice" for n in dict.fromkeys(everything) if everything.count(n) > 1
-        ]
+        faults = [f"{n!r} is used twice" for n in twice([*self._names, *self.inputs])]
         if outputs is not None and not self.outputs:
             faults.append("outputs is empty, expected at least one name")
         if workers is not None and workers < 1:
@@ -322,22 +320,8 @@ class Simulator(Model):
         rows = self._variables()
         if not rows:
             return {}, []
-        prior = self._point([p.value for p in self.parameters])
-
-        def moved(changes: Mapping[str, float]) -> Run:
-            values = {k: v + changes.get(k, 0.0) for k, v in prior.items()}
-            return self._run(record, values)
-
-        # Along one direction that changes all parameters, to the permitted side.
-        way = {
-            v.name: v.size if v.value + v.size <= v.high else -v.size
-            for v in rows
-            if v.name not in self._jumps
-        }
-        runs = [moved({k: i * SPACING * v for k, v in way.items()}) for i in range(SPACINGS + 1)]
         tested = rows if self._tested else []
-        runs += [moved({v.name: o}) for v in tested for o in v.trials]
-        seen = self._runner.values(runs)
+        seen = self._runner.values(self._trials(record, rows, tested))
         base = seen[0]
         unit = spread_of(base)
         jitter = float(np.sqrt(np.mean(((repeated - base) / unit) ** 2))) / math.sqrt(2.0)
@@ -365,6 +349,20 @@ class Simulator(Model):
                 f"{'' if known else ': is it misspelled in the function?'}"
             )
         return steps, notes
+
+    def _trials(
+        self, record: Record, rows: Sequence[_Variable], tested: Sequence[_Variable]
+    ) -> list[Run]:
+        """Runs along one direction that changes all parameters, then with single changes."""
+        prior = self._point([p.value for p in self.parameters])
+        smooth = [v for v in rows if v.name not in self._jumps]  # to the permitted side
+        way = {v.name: v.size if v.value + v.size <= v.high else -v.size for v in smooth}
+        changes = [{k: i * SPACING * v for k, v in way.items()} for i in range(SPACINGS + 1)]
+        changes += [{v.name: o} for v in tested for o in v.trials]
+        return [
+            self._run(record, {k: v + change.get(k, 0.0) for k, v in prior.items()})
+            for change in changes
+        ]
 
     def _notes_of_noise(
         self,

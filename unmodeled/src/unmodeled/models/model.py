@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 import math
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from types import MappingProxyType
@@ -142,6 +143,11 @@ class State:
     hidden: bool = False
     """Whether it is a memory state of an effect, without influence on the outputs at magnitude
     0."""
+
+
+def twice(names: Sequence[str]) -> list[str]:
+    """Names that occur more than once."""
+    return [n for n, count in Counter(names).items() if count > 1]
 
 
 def start_in(state: State, record: Record) -> tuple[float, float]:

@@ -12,7 +12,15 @@ from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
 from unmodeled.errors import InvalidParameter
 from unmodeled.models.coordinates import Rate
-from unmodeled.models.model import Candidate, Jobs, Model, Parameter, SensitivityRequest, State
+from unmodeled.models.model import (
+    Candidate,
+    Jobs,
+    Model,
+    Parameter,
+    SensitivityRequest,
+    State,
+    twice,
+)
 from unmodeled.ode.batch import sensitivities, simulated
 from unmodeled.ode.traces import System, Traces, untraced
 
@@ -104,8 +112,7 @@ class Integrator:
         hold: Literal["linear", "zero", "spline"] = "linear",
         name: str = "equations",
     ):
-        names = [*states, *parameters, *inputs]
-        faults = [f"{n!r} is used twice" for n in dict.fromkeys(names) if names.count(n) > 1]
+        faults = [f"{n!r} is used twice" for n in twice([*states, *parameters, *inputs])]
         shown = {n: n for n in states} if outputs is None else dict(outputs)
         wanted = {n: of.state if isinstance(of, Rate) else of for n, of in shown.items()}
         faults += [

@@ -148,6 +148,15 @@ class _Assembly:
         return np.array(self._places, dtype=np.int32), np.array(self._values)
 
 
+@dataclass(eq=False)
+class _Sums:
+    """Registers that are added up: values by row, derivatives by row and state or variable."""
+
+    values: dict[int, list[int]] = field(default_factory=dict)
+    by_state: dict[tuple[int, int], list[int]] = field(default_factory=dict)
+    by_column: dict[tuple[int, int], list[int]] = field(default_factory=dict)
+
+
 class _Builder:
     """Puts the program of a kind together."""
 
@@ -164,9 +173,7 @@ class _Builder:
         self.smooth = len(system.states) + sum(hidden[:count])
         self.blocks = (self.smooth, *hidden[count:])
         self._take_registers([f.numbers for f in forms])
-        self.rate: list[list[int]] = [[] for _ in self.assembly.states]
-        self.by_state: dict[tuple[int, int], list[int]] = {}
-        self.by_column: dict[tuple[int, int], list[int]] = {}
+        self.rates, self.shown = _Sums(), _Sums()
         self.by_size = len(kind.by_theta)
         self.by_candidate = self.by_size + count + self.smooth * kind.by_starts
         self.by_change = self.by_candidate + len(kind.candidates)
@@ -214,10 +221,14 @@ class _Builder:
         for k, form in enumerate(self.kind.candidates):
             self._try(k, form)
         a = self.assembly
-        rate = [a.total(r) if r else a.constant(0.0) for r in self.rate]
-        output, by_state, by_column = self._outputs(own, at, rate)
-        derived = self.by_state if self.kind.derivatives or self.kind.implicit else {}
-        state, column = a.entries(derived, "rates"), a.entries(self.by_column, "rates")
+        terms = [self.rates.values.get(i) for i in range(len(a.states))]
+        rate = [a.total(r) if r else a.constant(0.0) for r in terms]
+        output = self._outputs(own, at, rate)
+        derived = self.rates.by_state if self.kind.derivatives or self.kind.implicit else {}
+        state, column = a.entries(derived, "rates"), a.entries(self.rates.by_column, "rates")
+        by_state, by_column = {}, {}
+        if self.kind.derivatives:
+            by_state, by_column = self.shown.by_state, self.shown.by_column
         shown = a.entries(by_state, "shown"), a.entries(by_column, "shown")
         states, signals, constants = a.counts
         return Program(
@@ -272,42 +283,28 @@ class _Builder:
         rows: Mapping[str, int],
         what: str,
         further: Mapping[Key, list[tuple[int, int | None]]],
-    ) -> dict[tuple[int, Any], int]:
-        """Add the values of a tape to the rates, or return its outputs, with derivatives."""
+    ) -> None:
+        """Add the values of a tape to the rates or outputs, with derivatives."""
         part = "rates" if what == "rate" else "shown"
         columns = {**self._columns(), **further}
-        wanted: list[Target] = []
-        derive = self.kind.derivatives or (self.kind.implicit and what == "rate")
-        for target in traced.values:
-            if target[0] == what:
-                wanted.append((target, None))
-                if derive:
-                    wanted += [
-                        (target, k) for k in traced.keys(target) if k[0] == "x" or k in columns
-                    ]
+        own = [t for t in traced.values if t[0] == what]
+        wanted: list[Target] = [(t, None) for t in own]
+        if self.kind.derivatives or (self.kind.implicit and what == "rate"):
+            wanted += [(t, k) for t in own for k in traced.keys(t) if k[0] == "x" or k in columns]
         got = self.assembly.place(traced.fragment(wanted), at, part)
-        values: dict[tuple[int, Any], int] = {}
+        into = self.rates if what == "rate" else self.shown
         for ((_, name), key), register in got.items():
             row = rows[name]
             if key is None:
-                values[row, None] = register
-                if what == "rate":
-                    self.rate[row].append(register)
-            elif key[0] == "x":
-                place = at[key] - 1
-                values[row, ("x", place)] = register
-                if what == "rate":
-                    self.by_state.setdefault((row, place), []).append(register)
-            for column, factor in columns.get(key, ()) if key is not None else ():
-                own = register
+                into.values.setdefault(row, []).append(register)
+                continue
+            if key[0] == "x":
+                into.by_state.setdefault((row, at[key] - 1), []).append(register)
+            for column, factor in columns.get(key, ()):
+                scaled = register
                 if factor is not None:
-                    own = self.assembly.add("multiply", register, factor, part=part)
-                values[row, ("column", column)] = own
-                if what == "rate":
-                    self.by_column.setdefault((row, column), []).append(own)
-                else:
-                    self.shown_columns.setdefault((row, column), []).append(own)
-        return values
+                    scaled = self.assembly.add("multiply", register, factor, part=part)
+                into.by_column.setdefault((row, column), []).append(scaled)
 
     def _include(self, k: int, form: Form) -> None:
         """Add an included effect."""
@@ -342,51 +339,44 @@ class _Builder:
         got = a.place(traced.fragment([*hidden, *by_size] if linear else hidden), zero)
         for ((_, name), key), register in got.items():
             if key == ("size",):
-                self.by_column.setdefault((self.base_rows[name], column), []).append(register)
+                self._push(name, column, register)
             elif key is None:
-                self.rate[rows[name]].append(register)
+                self.rates.values.setdefault(rows[name], []).append(register)
             else:
-                self.by_state.setdefault((rows[name], zero[key] - 1), []).append(register)
-        if linear:
-            return
+                self.rates.by_state.setdefault((rows[name], zero[key] - 1), []).append(register)
         effect = form.effect
-        for size, weight in difference_offsets(0.0, effect.step * effect.scale, *effect.bounds):
+        offsets = difference_offsets(0.0, effect.step * effect.scale, *effect.bounds)
+        for size, weight in () if linear else offsets:
             own = {**at, ("size",): a.constant(size)}
             got = a.place(traced.fragment([(t, None) for t in pushed]), own)
             for ((_, name), _), register in got.items():
-                term = a.add("multiply", register, a.constant(weight))
-                self.by_column.setdefault((self.base_rows[name], column), []).append(term)
+                self._push(name, column, a.add("multiply", register, a.constant(weight)))
 
-    def _outputs(
-        self, own: Traced, at: Mapping[Key, int], rate: Sequence[int]
-    ) -> tuple[list[int], dict[tuple[int, int], list[int]], dict[tuple[int, int], list[int]]]:
-        """Registers of the outputs, and their derivatives by states and columns."""
-        places = {n: o for o, n in enumerate(self.system.outputs)}
-        self.shown_columns: dict[tuple[int, int], list[int]] = {}
-        by_state: dict[tuple[int, int], list[int]] = {}
-        found = self._use(own, at, places, "output", {})
+    def _push(self, name: str, column: int, register: int) -> None:
+        """Add to the derivative of the rate of a state."""
+        self.rates.by_column.setdefault((self.base_rows[name], column), []).append(register)
+
+    def _outputs(self, own: Traced, at: Mapping[Key, int], rate: Sequence[int]) -> list[int]:
+        """Registers of the outputs; their derivatives are added to those that are shown."""
+        self._use(own, at, {n: o for o, n in enumerate(self.system.outputs)}, "output", {})
+        shown, rates = self.shown, self.rates
         out: list[int] = []
         one = self.assembly.constant(1.0)
         for o, of in enumerate(self.system.outputs.values()):
             if isinstance(of, str):
                 i = self.base_rows[of]
                 out.append(self.assembly.states[i])
-                by_state[o, i] = [one]
+                shown.by_state[o, i] = [one]
             elif isinstance(of, Rate):
                 i = self.base_rows[of.state]
                 out.append(rate[i])
-                if self.kind.derivatives:
-                    rows = ((self.by_state, by_state), (self.by_column, self.shown_columns))
-                    for entries, target in rows:
-                        target |= {(o, k): r for (row, k), r in entries.items() if row == i}
+                shown.by_state |= {(o, k): r for (row, k), r in rates.by_state.items() if row == i}
+                shown.by_column |= {
+                    (o, k): r for (row, k), r in rates.by_column.items() if row == i
+                }
             else:
-                out.append(found[o, None])
-        for (o, key), register in found.items():
-            if key is not None and key[0] == "x":
-                by_state.setdefault((o, key[1]), []).append(register)
-        if not self.kind.derivatives:
-            return out, {}, {}
-        return out, by_state, self.shown_columns
+                out += shown.values[o]
+        return out
 
 
 def program_of(system: System, traces: Traces, kind: ProgramKind) -> Program:

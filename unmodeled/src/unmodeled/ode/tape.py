@@ -674,10 +674,11 @@ class Traced:
         rows = np.zeros((len(rest), 4), dtype=np.int32)
         for row, n in zip(rows, rest, strict=True):
             name, *args = nodes[n]
-            table = name in ("interp", "slope")
-            own = [register[args[0]], args[1]] if table else [register[a] for a in args]
+            tables = args[1:] if name in ("interp", "slope") else []
+            args = args[:1] if tables else args
+            own = [*(register[a] for a in args), *tables]
             row[: 1 + len(own)] = [_CODE[name], *own]
-            moving[n] = any(moving.get(a, False) for a in (args[:1] if table else args))
+            moving[n] = any(moving.get(a, False) for a in args)
         return Fragment(
             inputs=tuple(nodes[n][1] for n in inputs),
             constants=np.array([self.tape.value(n) for n in constants], dtype=np.float64),
