@@ -464,15 +464,8 @@ def match_simulator(model: Simulator, records: Sequence[Record]) -> Ready:
             'dictionary of arrays by output, such as {"x": x}'
         )
     out = copy.copy(model)
-    shown = dict.fromkeys(n for r in records for n in r.outputs)
     if model.open[1]:
-        out.outputs = tuple(n for n in given if n in shown)
-    if not out.outputs:
-        raise InvalidParameter(
-            f"model {model.name}: its function returns {', '.join(map(str, given))}, and the "
-            f"records show {', '.join(shown)}: expected the same names (--column NAME=COLUMN, "
-            "in Python columns of ReadOptions, renames a column)"
-        )
+        out.outputs = _shown(model, given, records)
     if model.open[0]:
         read = asked.read if asked.whole is False else dict.fromkeys(first.inputs)
         if wrong := [n for n in read if n in out.outputs]:
@@ -487,6 +480,21 @@ def match_simulator(model: Simulator, records: Sequence[Record]) -> Ready:
         columns = {n: {**first.outputs, **first.inputs}[n] for n in out.inputs}
         out._runner.took(Run(first.name, first.time, columns, dict(point)), given)
     return matched(out, records)
+
+
+def _shown(
+    model: Simulator, given: Mapping[str, Any], records: Sequence[Record]
+) -> tuple[str, ...]:
+    """What the function returns and the records show."""
+    shown = dict.fromkeys(n for r in records for n in r.outputs)
+    found = tuple(n for n in given if n in shown)
+    if not found:
+        raise InvalidParameter(
+            f"model {model.name}: its function returns {', '.join(map(str, given))}, and the "
+            f"records show {', '.join(shown)}: expected the same names (--column NAME=COLUMN, "
+            "in Python columns of ReadOptions, renames a column)"
+        )
+    return found
 
 
 @by_means.register

@@ -342,25 +342,32 @@ def sensitivities(
         return []
     batches = [(r.record, r.jobs()) for r in requests]
     _compare(system, traces, batches, [t for r in requests for t in (*r.included, *r.candidates)])
-    tracks = _Tracks(system, traces)
-    groups: dict[ProgramKind, list[int]] = {}
-    inner: dict[int, SensitivityRequest] = {}
-    found: dict[int, Sensitivity] = {}
-    for i, request in enumerate(requests):
-        if traceable := _traceable(model, system, traces, tracks, request):
-            kind, inner[i] = traceable
-            groups.setdefault(kind, []).append(i)
-    for kind, group in groups.items():
-        runs = _run_requests(system, traces, kind, [inner[i] for i in group], tracks)
-        for k, i in enumerate(group):
-            found[i] = sensitivity_of(model, inner[i], runs.outputs[k], runs.derivatives[k])
-    for i in _jumping(model, system, traces, requests, found):
+    found = _by_programs(model, system, traces, requests)
+    for i in _jumping(model, system, traces, requests, {i: s for i, (s, _) in found.items()}):
         del found[i]
     jumps = [i for i in range(len(requests)) if i not in found]
     rest = difference_sensitivities(model, [requests[i] for i in jumps]) if jumps else []
-    found = {i: _completed(model, requests[i], inner[i], s) for i, s in found.items()}
-    found |= dict(zip(jumps, rest, strict=True))
-    return [found[i] for i in range(len(requests))]
+    whole = {i: _completed(model, requests[i], inner, s) for i, (s, inner) in found.items()}
+    whole |= dict(zip(jumps, rest, strict=True))
+    return [whole[i] for i in range(len(requests))]
+
+
+def _by_programs(
+    model: Model, system: System, traces: Traces, requests: Sequence[SensitivityRequest]
+) -> dict[int, tuple[Sensitivity, SensitivityRequest]]:
+    """Derivatives of the requests that are programs, with the part of the request that is one."""
+    tracks = _Tracks(system, traces)
+    groups: dict[ProgramKind, dict[int, SensitivityRequest]] = {}
+    for i, request in enumerate(requests):
+        if traceable := _traceable(model, system, traces, tracks, request):
+            kind, inner = traceable
+            groups.setdefault(kind, {})[i] = inner
+    found = {}
+    for kind, group in groups.items():
+        runs = _run_requests(system, traces, kind, [*group.values()], tracks)
+        for (i, inner), y, d in zip(group.items(), runs.outputs, runs.derivatives, strict=True):
+            found[i] = sensitivity_of(model, inner, y, d), inner
+    return found
 
 
 def _traceable(
