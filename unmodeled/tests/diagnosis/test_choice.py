@@ -226,6 +226,7 @@ def test_the_set_is_fitted_to_all_records(spring, causes):
     searched = search(problem, options, lambda _: None, lambda *_: None)
     chosen = choose(searched, options)
     assert [problem.causes[i].name for i in chosen.best.causes] == ["hardening"]
+    assert not chosen.worse_than_mean
     assert len(chosen.best.linears) == 3
     (need,) = (chosen.needs[i] for i in chosen.best.causes)
     assert need.evidence > ENOUGH
@@ -238,6 +239,25 @@ def test_the_set_is_fitted_to_all_records(spring, causes):
     (need,) = (chosen.needs[i] for i in chosen.best.causes)
     assert need.evidence > ENOUGH
     assert (need.held_out, chosen.predicted) == (None, {})
+
+
+def test_one_record_and_some_records_have_no_differences():
+    one = Given(local=None, records=frozenset())
+    record = Given()
+    for cause, records in (
+        (one, [record]),
+        (Given(local=object(), records=frozenset()), [record] * 3),
+        (Given(local=None, records=frozenset({1})), [record] * 3),
+    ):
+        problem = Given(causes=[cause], fit=records)
+        assert choice.differences(problem, None, 0, Options()) == 1.0
+
+
+def test_a_member_without_which_nothing_can_be_simulated_is_needed(monkeypatch):
+    out = Given(everything=None, searched=Given(problem=Given(held_out=())))
+    monkeypatch.setattr(choice, "without_one", lambda *_: [None])
+    (need,) = choice._needs(out, fitted(0), Options(), lambda: None).values()
+    assert (need.fails, need.predicts, need.evidence) == (True, True, math.inf)
 
 
 def test_differences_that_matter_refuse_a_cause_and_others_do_not(spring, causes):

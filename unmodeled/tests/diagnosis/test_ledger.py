@@ -104,6 +104,11 @@ def test_the_surest_rule_comes_first(finding, mark):
     assert marked(finding).mark is mark
 
 
+def test_the_trust_is_told_of_what_is_probable():
+    assert marked(UNLIKELY).codes == ("unsure",)
+    assert marked(replace(MEMBER, least_probability=0.6)).codes == ("named", "trust")
+
+
 def test_the_credibility_of_the_user_decides():
     assert marked(replace(UNLIKELY, credibility=0.5)).mark is Mark.NAMED
     assert marked(replace(MEMBER, credibility=0.995)).mark is Mark.UNSURE
