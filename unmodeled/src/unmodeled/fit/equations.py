@@ -167,8 +167,7 @@ class Equations(Model):
         self._coupled = found.coupled
         self.coordinates = tuple(found.places if coordinates is None else coordinates)
         if self._inferred and self._unscaled and ports is None:
-            own = {n for c in self.coordinates for n in (c.position, c.speed)}
-            ports = {s.name: s.name for s in self._states if s.name not in own}
+            ports = self._states_without_place()
         self.substeps = substeps
         self.hold: Literal["auto", "linear", "zero", "spline", "other", "between"] = hold
         self.method = method
@@ -184,6 +183,11 @@ class Equations(Model):
         self._check()
         #: What is traced of the functions; copies with other values share it.
         self._traces = Traces()
+
+    def _states_without_place(self) -> dict[str, str]:
+        """States that belong to no coordinate, as ports."""
+        own = {n for c in self.coordinates for n in (c.position, c.speed)}
+        return {s.name: s.name for s in self._states if s.name not in own}
 
     def _make_ports(self) -> None:
         self.ports = tuple(
