@@ -311,6 +311,24 @@ def moved(name, size):
     return gap - before, other.balance_weight - plain.balance_weight
 
 
+def test_each_friction_of_the_hammer_of_a_grand_names_the_swings_that_tell_it():
+    library = load_library(feltmb.load_action("grand_action"))
+    chain = ["joint_friction.hammer", "contact_friction.04", "contact_friction.11"]
+    for entry in library.choose_tolerances(chain):
+        assert "swing" in entry.remedy, entry.name
+        assert entry.magnitude == 0.2
+
+
+def test_the_rest_rail_moves_along_its_screw():
+    action = feltmb.load_action("steinway45_leaded")
+    (rail,) = load_library(action).choose_tolerances(["rest_rail"])
+    as_told = action_with_effects(action, [(rail, 1.5e-3, None)])
+    as_set = action.with_values({"rest_rail+=": "1.5 mm"})
+    surfaces = [a.config.surfaces["Gp8"] for a in (as_told, as_set)]
+    assert surfaces[0].point == pytest.approx(surfaces[1].point)
+    assert surfaces[0].radius == surfaces[1].radius
+
+
 def test_a_farther_string_leaves_a_larger_gap_at_let_off():
     gap, weight = moved("string_distance", 5e-4)
     assert gap == pytest.approx(5e-4, rel=1e-3)
