@@ -193,7 +193,7 @@ class MujocoModel(Simulator):
         out = copy.copy(self)
         out.mjcf = out.function = copy.copy(self.mjcf)
         out.mjcf.key = key
-        out._runner, out._faded = out._new_runner(), {}
+        out._runner, out._faded = out.new_runner(), {}
         out._starts = tuple(
             State(
                 name=name,
@@ -360,7 +360,7 @@ def _(model: MujocoModel, records: Sequence[Record]) -> Ready:
     if joints and not model.mjcf.torques:
         model = copy.copy(model)
         model.mjcf = model.function = model.mjcf.with_torques(joints)
-        model._runner = model._new_runner()
+        model._runner = model.new_runner()
     if not any(model.open):
         ready = match_simulator(model, records)
         left = ", ".join(n for n in known if n not in model.inputs)

@@ -224,13 +224,14 @@ class Simulator(Model):
         self.open = inputs is None, outputs is None
         self._means = Means(workers)
         self.function = function
-        self._runner = self._new_runner()
+        self._runner = self.new_runner()
         self._steps: dict[str, Step] = {}
         self._ready, self._varied = False, True
         again = {"unknown": unknown, "inputs": inputs, "outputs": outputs, "bounds": bounds}
         self.origin = Origin("Simulator", "", {**again, "name": name})
 
-    def _new_runner(self) -> Runner:
+    def new_runner(self) -> Runner:
+        """What computes its runs, without those that are known."""
         names = {"inputs": self.inputs, "outputs": self.outputs, "parameters": self._names}
         return Runner(self.function, self.outputs, self.name, self._means, names)
 
@@ -475,7 +476,7 @@ def match_simulator(model: Simulator, records: Sequence[Record]) -> Ready:
             )
         out.inputs = tuple(read)
     out.open = False, False
-    out._runner = out._new_runner()
+    out._runner = out.new_runner()
     if not asked.whole:
         columns = {n: {**first.outputs, **first.inputs}[n] for n in out.inputs}
         out._runner.took(Run(first.name, first.time, columns, dict(point)), given)
@@ -502,7 +503,7 @@ def _(model: Simulator, means: Means) -> Simulator:
     given = {k: v for k, v in vars(means).items() if v is not None}
     out = copy.copy(model)
     out._means = replace(model._means, **given)
-    out._runner = out._new_runner()
+    out._runner = out.new_runner()
     out._ready = False
     return out
 
