@@ -39,6 +39,37 @@ class GainDrift(Fault):
         return {"scale": OVER_A_RECORD / (signal.values.size * signal.interval)}
 
 
+class GainFade(Fault):
+    """reading(t) = (1 + size (1 - exp(-(t - t_0) / shape))) y: a gain that settles at another one.
+
+    The shape is its time constant.
+    """
+
+    name, place, stated, drive = "gain fade", 3.6, False, True
+    sensor = (
+        "The gain of the sensor settles at another value.",
+        "Let it warm up, or calibrate it after a while.",
+    )
+    input = (
+        "What arrives of the input settles at another share, as with a motor that warms up.",
+        "Measure what acts on the machine, or model the warming.",
+    )
+
+    def act(self, run: Run, y: Array, size: Any, shape: Any = None) -> Array:
+        return np.asarray(y * (1.0 - size * np.expm1(-_since(run, y) / shape)))
+
+    def undo(self, run: Run, reading: Array, size: float, shape: Any = None) -> Array:
+        return np.asarray(reading / (1.0 - size * np.expm1(-_since(run, reading) / shape)))
+
+    def fields(self, signal: Signal) -> dict[str, Any]:
+        span = signal.values.size * signal.interval
+        return {
+            "scale": OVER_A_RECORD,
+            "shapes": (0.1 * span, 0.4 * span),
+            "shape_names": ("time [s]",),
+        }
+
+
 class ZeroDrift(Fault):
     """reading(t) = y + size (t - t_0), with the time counted from the first sample."""
 
@@ -84,5 +115,5 @@ class Part(Fault):
         return np.asarray(out if shape is None else low_passed(time, out[None], shape, out[:1])[0])
 
 
-for _fault in (GainDrift(), ZeroDrift()):
+for _fault in (GainDrift(), GainFade(), ZeroDrift()):
     register(_fault)

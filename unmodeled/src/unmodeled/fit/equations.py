@@ -53,8 +53,8 @@ from unmodeled.models.model import (
 )
 from unmodeled.ode.batch import LONGEST, RECORDS, doubts, sensitivities, simulated
 from unmodeled.ode.plain import along
-from unmodeled.ode.tape import NotTraceable
-from unmodeled.ode.traces import Key, System, Traces, Untrue, arguments, untraced
+from unmodeled.ode.tape import NotTraceable, Traced
+from unmodeled.ode.traces import Key, System, Traces, Untrue, arguments, own_trace, untraced
 from unmodeled.units import same_unit, to_si
 
 #: What an output is: a state by its name, its rate, or a function.
@@ -424,6 +424,26 @@ class Equations(Model):
             )
             return np.asarray((there - moved) / pushed)
 
+    def drive_of(self, place: Coordinate) -> Callable[..., Any] | None:
+        """Force that the inputs cause on a coordinate, of (t, x, u, p): the torque of a motor.
+
+        It is the sum of the terms of its acceleration that depend on inputs; None: there are none,
+        or the rates cannot be traced.
+        """
+        traced = own_trace(self._system, self._traces)
+        if not isinstance(traced, Traced):
+            return None
+        tape, rate = traced.tape, traced.values["rate", place.speed]
+        node = tape.terms_with(rate, {("u", n) for n in self.inputs})
+
+        def force(t: Any, x: Named, u: Named, p: Named) -> Any:
+            named = (("x", x), ("u", u), ("p", p))
+            at = {(k, n): v for k, of in named for n, v in values_of(of).items()} | {("t",): t}
+            pushed = place.push(1.0, t, x, u, p)[place.speed]
+            return tape.evaluated([node], at)[node] / pushed
+
+        return None if node == tape.zero else force
+
     def is_parameter(self, effect: Effect, record: Record, x: Named) -> bool:
         """Whether an effect acts along a path as a change of a parameter with a tolerance does.
 
@@ -515,6 +535,14 @@ class Equations(Model):
         self._check_batches(batches)
         with np.errstate(all="ignore"):
             return [y for y, _ in simulated(self._system, self._traces, batches)]
+
+    def forces_in(self, unit: str) -> dict[str, Callable[..., Any]]:
+        """Outputs that are functions with the unit of a force, such as the torque of a motor."""
+        return {
+            n: of
+            for n, of in self._outputs.items()
+            if not isinstance(of, str | Rate) and same_unit(self.units.get(n) or "1", unit)
+        }
 
     @property
     def _system(self) -> System:

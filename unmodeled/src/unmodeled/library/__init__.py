@@ -21,6 +21,7 @@ from unmodeled.library.forces import (
     dry_friction,
     dry_friction_along,
     dry_friction_asymmetry,
+    dry_friction_each_way,
     end_stop,
     hysteresis,
     load_friction,
@@ -37,6 +38,7 @@ from unmodeled.library.levels import (
     leak,
     overflow,
     power_outflow,
+    product_loss,
     second_store,
 )
 from unmodeled.library.readings import (
@@ -60,6 +62,7 @@ __all__ = [
     "dry_friction",
     "dry_friction_along",
     "dry_friction_asymmetry",
+    "dry_friction_each_way",
     "end_stop",
     "exchange",
     "for_all_inputs",
@@ -77,6 +80,7 @@ __all__ = [
     "part_of",
     "polynomial_stiffness",
     "power_outflow",
+    "product_loss",
     "quadratic_friction",
     "second_store",
     "sensor_fault",

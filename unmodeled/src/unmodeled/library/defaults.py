@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
@@ -24,11 +25,13 @@ from unmodeled.library import (
     load_friction,
     part_of,
     power_outflow,
+    product_loss,
     second_store,
 )
 from unmodeled.models.coordinates import Coordinate, Coupling, Named
 from unmodeled.models.matching import matched
 from unmodeled.models.model import Effect, Model, State, prior_jobs
+from unmodeled.library.forces import product
 from unmodeled.units import same_unit
 
 #: Share of the values below the typical size of a quantity [1].
@@ -232,12 +235,7 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             along = ((r, x) for (r, _), x in zip(paths, named, strict=True))
             if within is None or not any(within.is_parameter(effect, *at) for at in along):
                 yield effect
-        for name in model.inputs:
-            unit = model.units.get(name) or next(
-                (r.input_units.get(name, "") for r, _ in paths), ""
-            )
-            if unit and unit != "1" and same_unit(unit, c.unit):
-                yield load_friction(c, name, speed=pace)
+        yield from _loads(model, c, [r for r, _ in paths], pace)
     for state in (s for s in states if s.name not in used):
         levels = [x[state.name] for x in named]
         values = np.concatenate(levels)
@@ -252,6 +250,42 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             state.name, scale=10.0 * rate / size, size=size, times=(0.03 * slow, 0.3 * slow)
         )
         yield from _exchanges(model, state, paths, values, rate)
+        free = {s.name: s.unit for s in states if s.name not in used}
+        yield from _products(model, state, free, [(r, x) for (r, _), x in zip(paths, named, strict=True)], rate)
+
+
+def _loads(
+    model: Model, c: Coordinate | Coupling, records: Sequence[Record], pace: float
+) -> Iterator[Effect]:
+    """Friction in proportion to an input or an output that is a force, or to what inputs cause."""
+    known: dict[str, Callable[..., Any] | None] = {}
+    for name in model.inputs:
+        unit = model.units.get(name) or next((r.input_units.get(name, "") for r in records), "")
+        if unit and unit != "1" and same_unit(unit, c.unit):
+            known[name] = None
+    if isinstance(model, Equations):
+        known |= model.forces_in(c.unit)
+        if not known and isinstance(c, Coordinate) and (drive := model.drive_of(c)):
+            known["the drive"] = drive
+    for name, force in known.items():
+        yield load_friction(c, name, speed=pace, force=force)
+
+
+def _products(
+    model: Model,
+    state: State,
+    units: Mapping[str, str],
+    paths: Sequence[tuple[Record, Named]],
+    rate: float,
+) -> Iterator[Effect]:
+    """Losses of a state in proportion to it and another one, which the model does not have."""
+    for other in (n for n in units if n != state.name):
+        both = _typical(np.concatenate([x[state.name] * x[other] for _, x in paths]))
+        unit = product(("s", -1), (units[other], -1))
+        effect = product_loss(state.name, state.name, other, scale=rate / both, unit=unit)
+        known = isinstance(model, Equations) and any(model.is_parameter(effect, *at) for at in paths)
+        if not known:
+            yield effect
 
 
 def _exchanges(

@@ -124,6 +124,41 @@ def dry_friction_asymmetry(c: Part, *, scale: float, speed: float) -> Effect:
     )
 
 
+def dry_friction_each_way(c: Part, *, scale: float, speed: float) -> Effect:
+    """Coulomb friction with another size in each direction, as one law.
+
+    The shape is (side, share, v_0): a motion of the sign of the side meets the magnitude, and one
+    of the other sign this share of it.
+
+    Parameters
+    ----------
+    c
+        Coordinate, or coupling of two coordinates, on which the effect acts.
+    scale
+        Larger friction force that one would expect [N or N m].
+    speed
+        Typical speed, from which the threshold speed follows.
+    """
+
+    def law(q: Any, v: Any, shape: Any) -> Any:
+        side, share, v0 = shape
+        slip = np.tanh(v / v0)
+        return np.where(side * v > 0.0, slip, share * slip)
+
+    return on(
+        c,
+        "dry friction of each direction",
+        unit=c.unit,
+        scale=scale,
+        sign=1,
+        mechanism="Dry friction has another size in each direction.",
+        shapes=tuple((side, share, 0.01 * speed) for side in (1.0, -1.0) for share in (0.2, 0.5)),
+        shape_names=("side", "share in the other direction", f"threshold speed [{c.travel_unit}/s]"),
+        remedy="Use two levels of dry friction.",
+        rate=force_law(c, law),
+    )
+
+
 def dry_friction_along(c: Part, *, scale: float, speed: float) -> Effect:
     """Coulomb friction that changes along the travel: F = f q tanh(v / v_0).
 
@@ -149,7 +184,9 @@ def dry_friction_along(c: Part, *, scale: float, speed: float) -> Effect:
     )
 
 
-def load_friction(c: Part, load: str, *, speed: float) -> Effect:
+def load_friction(
+    c: Part, load: str, *, speed: float, force: Callable[..., Any] | None = None
+) -> Effect:
     """Coulomb friction in proportion to a transmitted load: ``F = mu |load| tanh(v / v_0)``.
 
     Parameters
@@ -160,11 +197,14 @@ def load_friction(c: Part, load: str, *, speed: float) -> Effect:
         Input of the model in the unit of the coordinate: the force or torque that a gear transmits.
     speed
         Typical speed, from which values of the threshold speed follow.
+    force
+        The load as a function (t, x, u, p) of the model; None: it is the input.
     """
 
     def rate(t: Any, x: Named, u: Named, p: Named, size: Any, v0: Any) -> Mapping[str, Array]:
         _, v = c.motion(x)
-        return c.push(-size * np.abs(u[load]) * np.tanh(v / v0), t, x, u, p)
+        carried = force(t, x, u, p) if force else u[load]
+        return c.push(-size * np.abs(carried) * np.tanh(v / v0), t, x, u, p)
 
     return on(
         c,
@@ -492,6 +532,7 @@ Maker = Callable[[Part, Scales], Effect]
 FOR_SPEED: tuple[Maker, ...] = (
     lambda c, s: dry_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: dry_friction_asymmetry(c, scale=0.1 * s.force, speed=s.speed),
+    lambda c, s: dry_friction_each_way(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: static_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: viscous_friction(c, scale=0.1 * s.force / s.speed),
     lambda c, s: quadratic_friction(c, scale=0.1 * s.force / s.speed**2),

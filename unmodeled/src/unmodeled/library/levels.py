@@ -116,6 +116,39 @@ def power_outflow(state: str, power: float, *, scale: float, unit: str) -> Effec
 
 
 @checked
+def product_loss(state: str, one: str, other: str, *, scale: float, unit: str = "1/s") -> Effect:
+    """A loss in proportion to two states: prey that meets predators, a reaction of two substances.
+
+    The state loses ``magnitude one other`` per second, and gains with a negative magnitude.
+
+    Parameters
+    ----------
+    state
+        State that loses.
+    one, other
+        The two states; one of them may be the state itself.
+    scale
+        Magnitude that one would expect.
+    unit
+        Unit of the magnitude: with states in mol/m^3, ``m^3/(mol s)``.
+    """
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
+        return {state: -size * x[one] * x[other]}
+
+    return _on(
+        state,
+        f"loss ~ {one} {other} {state}",
+        f"a loss ~ {one} {other}",
+        unit=unit,
+        scale=scale,
+        mechanism=f"The store loses in proportion to the product of {one} and {other}.",
+        remedy="Add the product of both states to the balance.",
+        rate=rate,
+    )
+
+
+@checked
 def exchange(
     state: str, ambient: str, power: float = 1.0, *, scale: float, unit: str = "1/s"
 ) -> Effect:

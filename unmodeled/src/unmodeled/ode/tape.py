@@ -8,7 +8,7 @@ derivatives are further operations of the same tape.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
@@ -289,6 +289,21 @@ class Tape:
                 else:
                     found[node] = FUNCTIONS[name](*(found[a] for a in args))
         return found
+
+    def terms_with(self, node: Node, inputs: Container[Any]) -> Node:
+        """Sum of the terms of a sum that depend on some inputs; it may be over a common divisor."""
+        if not self._reads(node, inputs):
+            return self.zero
+        name, *args = self.nodes[node]
+        if name in ("add", "subtract", "negative"):
+            return self.add(name, *(self.terms_with(a, inputs) for a in args))
+        if name == "divide" and not self._reads(args[1], inputs):
+            return self.add(name, self.terms_with(args[0], inputs), args[1])
+        return node
+
+    def _reads(self, node: Node, inputs: Container[Any]) -> bool:
+        rows = (self.nodes[n] for n in _needed(self.nodes, [node]))
+        return any(row[0] == "input" and row[1] in inputs for row in rows)
 
     # ------------------------------------------------------------------------------ derivatives
 
