@@ -31,11 +31,14 @@ from unmodeled.library import (
 from unmodeled.models.coordinates import Coordinate, Coupling, Named
 from unmodeled.models.matching import matched
 from unmodeled.models.model import Effect, Model, State, prior_jobs
-from unmodeled.library.forces import product
+from unmodeled.library.forces import product, rate_of_all
+from unmodeled.library.readings import together
 from unmodeled.units import same_unit
 
 #: Share of the values below the typical size of a quantity [1].
 TYPICAL = 0.98
+#: Laws that all coordinates may have with one size, as equal gears or bearings.
+EQUAL = ("dry friction", "viscous friction")
 #: Typical loss of a level by a missing flow, as a share of its own rate [1].
 FLOW = 0.1
 
@@ -164,7 +167,7 @@ def _all(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             yield from for_input(name, widest, unit=unit)
     inputs = model.inputs or tuple(dict.fromkeys(n for r in records for n in r.inputs))
     if together := [r for r in records if {*inputs} <= {*r.inputs}]:
-        yield from for_all_inputs(inputs, together[0])
+        yield from for_all_inputs(inputs, together[0], model.units)
     shown = [n for n in model.outputs if any(n in r.outputs for r in records)]
     if together := [r for r in records if {*shown} <= {*r.outputs}]:
         yield from for_all_sensors(model.outputs, shown, together[0])
@@ -211,6 +214,7 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
         return [s * moving for s, moving in zip(slopes, moves, strict=True)]
 
     used: set[str] = set()
+    equal: dict[tuple[str, str], list[Effect]] = {}
     for c in model.coordinates:
         used |= {n for part in (c, *c.parts) for n in (part.position, part.speed)}
         position, speed = zip(*(c.motion(x) for x in named), strict=True)
@@ -235,7 +239,13 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
             along = ((r, x) for (r, _), x in zip(paths, named, strict=True))
             if within is None or not any(within.is_parameter(effect, *at) for at in along):
                 yield effect
+            if isinstance(c, Coordinate) and effect.about.fault in EQUAL:
+                equal.setdefault((effect.about.fault, effect.unit), []).append(effect)
         yield from _loads(model, c, [r for r, _ in paths], pace)
+    for (_, unit), own in equal.items():
+        if len(own) > 1:
+            of = "coordinates" + f" in {unit}" * (len(equal) > len(EQUAL))
+            yield together(own, f"all {of}", rate=rate_of_all([e.rate for e in own if e.rate]))
     for state in (s for s in states if s.name not in used):
         levels = [x[state.name] for x in named]
         values = np.concatenate(levels)
@@ -251,7 +261,9 @@ def _of_states(model: Model, records: Sequence[Record]) -> Iterator[Effect]:
         )
         yield from _exchanges(model, state, paths, values, rate)
         free = {s.name: s.unit for s in states if s.name not in used}
-        yield from _products(model, state, free, [(r, x) for (r, _), x in zip(paths, named, strict=True)], rate)
+        yield from _products(
+            model, state, free, [(r, x) for (r, _), x in zip(paths, named, strict=True)], rate
+        )
 
 
 def _loads(
@@ -283,7 +295,9 @@ def _products(
         both = _typical(np.concatenate([x[state.name] * x[other] for _, x in paths]))
         unit = product(("s", -1), (units[other], -1))
         effect = product_loss(state.name, state.name, other, scale=rate / both, unit=unit)
-        known = isinstance(model, Equations) and any(model.is_parameter(effect, *at) for at in paths)
+        known = isinstance(model, Equations) and any(
+            model.is_parameter(effect, *at) for at in paths
+        )
         if not known:
             yield effect
 

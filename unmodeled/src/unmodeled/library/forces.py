@@ -44,6 +44,19 @@ def force_law(c: Part, law: Callable[[Any, Any, Any], Any]) -> Rate:
     return rate
 
 
+def rate_of_all(rates: Sequence[Rate]) -> Rate:
+    """Rate of one law at several coordinates, each with the whole magnitude."""
+
+    def rate(t: Any, x: Named, u: Named, p: Named, size: Any, shape: Any) -> Mapping[str, Array]:
+        found: dict[str, Any] = {}
+        for own in rates:
+            for state, value in own(t, x, u, p, size, shape).items():
+                found[state] = found[state] + value if state in found else value
+        return found
+
+    return rate
+
+
 def on(c: Part, law: str, label: str = "", **fields: Any) -> Effect:
     """Effect of a law on a coordinate or a coupling.
 
@@ -152,8 +165,16 @@ def dry_friction_each_way(c: Part, *, scale: float, speed: float) -> Effect:
         scale=scale,
         sign=1,
         mechanism="Dry friction has another size in each direction.",
-        shapes=tuple((side, share, 0.01 * speed) for side in (1.0, -1.0) for share in (0.2, 0.5)),
-        shape_names=("side", "share in the other direction", f"threshold speed [{c.travel_unit}/s]"),
+        shapes=tuple(
+            (side, share, slow * speed)
+            for side in (1.0, -1.0)
+            for share, slow in ((0.2, 0.03), (0.5, 0.003))
+        ),
+        shape_names=(
+            "side",
+            "share in the other direction",
+            f"threshold speed [{c.travel_unit}/s]",
+        ),
         remedy="Use two levels of dry friction.",
         rate=force_law(c, law),
     )

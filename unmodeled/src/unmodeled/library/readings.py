@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -127,8 +127,12 @@ MOST_OF_IT = 0.7
 TOGETHER = ("delay", "lag", "gain")
 
 
-def for_all_inputs(names: Sequence[str], record: Record) -> tuple[Effect, ...]:
+def for_all_inputs(
+    names: Sequence[str], record: Record, units: Mapping[str, str] | None = None
+) -> tuple[Effect, ...]:
     """Errors that all inputs have with one size, scaled by a record; none of a single input.
+
+    A gain is that of all inputs with one unit.
 
     Parameters
     ----------
@@ -136,17 +140,37 @@ def for_all_inputs(names: Sequence[str], record: Record) -> tuple[Effect, ...]:
         Names of the inputs.
     record
         Record from which typical magnitudes are taken.
+    units
+        Unit of each input; default: that of the record, or 1.
     """
-    if len(names) < 2:
-        return ()
-    every = [[input_fault(n, fault, record=record) for n in names] for fault in TOGETHER]
-    return tuple(_together(own, "input", excite=_excite_all(own)) for own in every)
+    found = []
+    for fault, place, some in _of_one_unit(
+        "inputs", names, {**record.input_units, **(units or {})}
+    ):
+        own = [input_fault(n, fault, record=record) for n in some]
+        found.append(together(own, place, excite=_excite_all(own)))
+    return tuple(found)
+
+
+def _of_one_unit(
+    what: str, names: Sequence[str], units: Mapping[str, str]
+) -> Iterator[tuple[str, str, list[str]]]:
+    """Faults, and the signals that may have them together: a gain those of one unit."""
+    for fault in TOGETHER:
+        groups: dict[str, list[str]] = {}
+        for n in names:
+            groups.setdefault(units.get(n, "1") if fault == "gain" else "", []).append(n)
+        for unit, some in groups.items():
+            if len(some) > 1:
+                yield fault, f"all {what}" + f" in {unit}" * (len(groups) > 1), some
 
 
 def for_all_sensors(
     outputs: Sequence[str], names: Sequence[str], record: Record
 ) -> tuple[Effect, ...]:
     """Errors that all sensors have with one size, scaled by a record; none of a single sensor.
+
+    A gain is that of all sensors with one unit.
 
     Parameters
     ----------
@@ -157,15 +181,13 @@ def for_all_sensors(
     record
         Record from which typical magnitudes are taken.
     """
-    if len(names) < 2:
-        return ()
-    every = [[sensor_fault(outputs, n, fault, record=record) for n in names] for fault in TOGETHER]
-    at = [list(outputs).index(n) for n in names]
-    faults = [[e.observe.fault for e in own if isinstance(e.observe, Link)] for own in every]
-    return tuple(
-        _together(own, "sensor", observe=Link(each[0], at, each))
-        for own, each in zip(every, faults, strict=True)
-    )
+    found = []
+    for fault, place, some in _of_one_unit("sensors", names, record.units):
+        own = [sensor_fault(outputs, n, fault, record=record) for n in some]
+        each = [e.observe.fault for e in own if isinstance(e.observe, Link)]
+        link = Link(each[0], [list(outputs).index(n) for n in some], each)
+        found.append(together(own, place, observe=link))
+    return tuple(found)
 
 
 def _excite_all(effects: Sequence[Effect]) -> Callable[..., Mapping[str, Array]]:
@@ -179,15 +201,15 @@ def _excite_all(effects: Sequence[Effect]) -> Callable[..., Mapping[str, Array]]
     return excite
 
 
-def _together(effects: Sequence[Effect], what: SubjectKind, **fields: Any) -> Effect:
-    """One effect for the same error of several signals."""
-    fault, place = effects[0].about.fault, f"all {what}s"
-    channels = tuple(e.about.channel for e in effects)
+def together(effects: Sequence[Effect], place: str, **fields: Any) -> Effect:
+    """One effect for the same law of several signals or coordinates."""
+    about = effects[0].about
+    channels = tuple(e.about.channel or e.component for e in effects)
     return replace(
         effects[0],
-        name=f"{fault} of {place}",
+        name=f"{about.fault} of {place}",
         component=place,
-        subject=Subject(what, fault, "", place, scope=Scope(channels=channels)),
+        subject=replace(about, channel="", component=place, scope=Scope(channels=channels)),
         **fields,
     )
 

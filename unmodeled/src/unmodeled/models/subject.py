@@ -20,10 +20,14 @@ class Scope:
     """Names of the inputs or sensors that have it together; (): one."""
     records: tuple[str, ...] = ()
     """Names of the records in which it acts, in their order; (): all."""
+    shares: tuple[float, ...] = ()
+    """Share of its size in each of them, which grows from the first to the last; (): all of it."""
 
     @property
     def where(self) -> str:
-        """The records as the end of a sentence, with a space before it; "": all."""
+        """The records as the end of a name, with a space before it; "": all."""
+        if self.shares:
+            return " over the records"
         if not self.records:
             return ""
         between = " and " if len(self.records) == 2 else " to "

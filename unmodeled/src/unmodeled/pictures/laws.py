@@ -65,8 +65,8 @@ class _Path:
     """Force, or other action, at each sample, (n,)."""
     variables: Mapping[str, tuple[Array, str]]
     """What it may depend on by name: values, (n,), and unit."""
-    acts: bool = True
-    """Whether it acts in this record; else the values are zero."""
+    acts: float = 1.0
+    """Share of it that acts in this record; 0: the values are zero."""
 
 
 def laws(problem: Problem, fitted: Fitted, changes: Sequence[Change]) -> tuple[Law, ...]:

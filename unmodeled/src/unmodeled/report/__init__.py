@@ -838,7 +838,7 @@ class Explained:
     def left_out(self) -> tuple[str, ...]:
         """Changes that are no numbers of the model: of sensors, and of some records only."""
         left = numbers(self.original, self.theta, self.included, self.magnitudes)[1]
-        return (*left, *(c.name for c in self.in_records))
+        return (*left, *dict.fromkeys(c.name for c in self.in_records))
 
     @checked
     def simulate(self, record: Record) -> dict[str, Array]:
@@ -938,7 +938,7 @@ def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> 
     by_name = {e.name: e for e in effects}
     every = (*result.named, *result.supported,
              *(g[0] for g in (*result.classes, *result.small, *result.unsure)))  # fmt: skip
-    some = [n for n in every if n.subject.scope.records]
+    some = [n for n in every if n.subject.scope.records or n.subject.scope.each]
     told = [n for n in every if n.cause in by_name and same_number(model, by_name[n.cause]) is None]
     return Explained(
         model,
@@ -946,20 +946,29 @@ def explained_model(model: Model, effects: Sequence[Effect], result: Result) -> 
         tuple(Candidate(by_name[n.cause], n.shape) for n in told),
         np.array([n.magnitude for n in told]),
         f"unmodeled diagnose of {', '.join(result.records)}",
-        tuple(c for n in some if (c := _in_records(model, by_name, n)) is not None),
+        tuple(c for n in some for c in _in_records(model, by_name, n, result)),
     )
 
 
-def _in_records(model: Model, effects: Mapping[str, Effect], n: NamedCause) -> InRecords | None:
-    """A cause of some records; None: it is no part of the model."""
+def _in_records(
+    model: Model, effects: Mapping[str, Effect], n: NamedCause, result: Result
+) -> Iterator[InRecords]:
+    """A cause of some records as what each of them has; nothing: it is no part of the model."""
     scope = n.subject.scope
-    law = n.cause.removesuffix(scope.where)
+    law = n.cause.removesuffix(" in each record" if scope.each else scope.where)
     names = [p.name for p in model.parameters]
-    if law in names and law not in effects:
-        return InRecords(n.cause, scope.records, n.magnitude, parameter=names.index(law))
-    if law not in effects:
-        return None
-    index = same_number(model, effects[law])
-    if index is not None:
-        return InRecords(n.cause, scope.records, n.magnitude, parameter=index)
-    return InRecords(n.cause, scope.records, n.magnitude, Candidate(effects[law], n.shape))
+    index = names.index(law) if law in names and law not in effects else None
+    if index is None and law in effects:
+        index = same_number(model, effects[law])
+    if index is None and law not in effects:
+        return
+    sizes = {r: n.magnitude * share for r, share in zip(scope.records, scope.shares, strict=False)}
+    if scope.each:
+        fitted = {p.name: p.value for p in result.parameters}
+        common = fitted.get(law, 0.0)
+        sizes = {r: v - common for r, v in zip(result.records, n.by_record, strict=True)}
+    for r, size in (sizes or dict.fromkeys(scope.records, n.magnitude)).items():
+        if index is not None:
+            yield InRecords(n.cause, (r,), size, parameter=index)
+        else:
+            yield InRecords(n.cause, (r,), size, Candidate(effects[law], n.shape))

@@ -22,7 +22,7 @@ LOST = {"dead zone": "within it", "saturation": "beyond it"}
 #: Whose error is that of all times.
 CLOCK = "the clock of the sensors"
 #: What drifts during a record.
-DRIFTS = {"gain drift": "gain", "zero drift": "zero"}
+DRIFTS = {"gain drift": "gain", "gain fade": "gain", "zero drift": "zero"}
 #: Largest half width of an interval with which a share of a turn is a word, and largest number of
 #: equivalents that a clause names.
 SURE, EQUIVALENTS = 0.1, 2
@@ -116,10 +116,10 @@ def clause(c: Change) -> str:
 
     The machine, the sensor or the input is the subject: what to do about it is another sentence.
     """
-    first = _clause(c) + c.subject.scope.where
+    first = _clause(c) + _where(c)
     if not c.equivalents:
         return first
-    others = [_clause(e) + e.subject.scope.where for e in c.equivalents[: EQUIVALENTS - 1]]
+    others = [_clause(e) + _where(e) for e in c.equivalents[: EQUIVALENTS - 1]]
     rest = len(c.equivalents) - len(others)
     others += [f"{rest} more that the records do not tell apart"] if rest else []
     return f"either {joined([first, *others], 'or')}"
@@ -160,6 +160,8 @@ def _sized(value: float, low: float, high: float, unit: str, *, relative: bool) 
 
 def _clause(c: Change) -> str:
     about, words = c.subject, _Words.of(c)
+    if about.scope.each and not about.of_signal and about.kind != "clock":
+        return _varies(c, words)
     if len(c.records) == len(c.by_record) > 1:
         return f"{words.what} {words.differs} between the records: {_by_record(c)}"
     if about.of_signal or about.kind == "clock":
@@ -181,7 +183,8 @@ def _of_signal(c: Change, words: _Words) -> str:
         return f"{place} {words.has} a lag of {size}"
     if fault in DRIFTS:
         drifts = "drifts" if words.differs == "differs" else "may drift"
-        return f"the {DRIFTS[fault]} of {about.component} {drifts} by {size}"
+        over = f" with a time of {size_in(float(c.shape), 's')}" if fault == "gain fade" else ""
+        return f"the {DRIFTS[fault]} of {about.component} {drifts} by {size}{over}"
     if about.of_signal and about.label:
         return f"{place} {words.has} {about.label}, {size}"
     if sign := sign_of_delay(c):
@@ -214,6 +217,13 @@ def _of_law(c: Change, words: _Words) -> str:
     if not what or not c.component:  # only its name tells what it is
         return f"the effect {c.title} {words.has} a size of {size}"
     between, letter = c.subject.kind == "between", len(c.component) == 1
+    if c.subject.fault == "dry friction of each direction":
+        side, share, _ = c.shape
+        what, back = "dry friction", size_in(abs(share * c.size), c.unit)
+        way = ("positive", "negative")[:: int(side)][0]
+        size += f" in the {way} direction and {back} in the other"
+    if c.subject.scope.channels:
+        return f"{c.component} {words.has} {what} of {size} each"
     if c.subject.fault == "dead zone":
         what += " of \N{PLUS-MINUS SIGN}"
         what += size_in(float(np.ravel(c.shape)[0]), c.shape_names[0][12:-1])
@@ -259,6 +269,28 @@ def _lost(c: Change, fault: str, place: str, share: str) -> str:
     may = "may have" if c.tier in ("supported", "unsure") else "has"
     less = f", which takes away {share} of what is {LOST[fault]}" if share else ""
     return f"{place} {may} a {fault} {'' if end else 'of '}{level}{about}{less}"
+
+
+def _varies(c: Change, words: _Words) -> str:
+    """A law or a parameter that each record has by itself: its scatter, mean and range."""
+    told = c.subject.label
+    place = c.component if len(c.component) == 1 else _with_article(c.component)
+    thing = told if told[:4].lower() == "the " else f"{told} of {place}"
+    least, most = min(c.by_record), max(c.by_record)
+    middle = sum(c.by_record) / len(c.by_record)
+    mean, unit, low, high = _numbers(middle, least, most, c.unit, relative=c.relative)
+    return (
+        f"{thing} {words.differs} by {words.size} rms between the records, about {mean}{unit}: "
+        f"{low} to {high}"
+    )
+
+
+def _where(c: Change) -> str:
+    """The records in which it is; of what grows, the last one has the size."""
+    scope = c.subject.scope
+    if not scope.shares:
+        return scope.where
+    return f" in {scope.records[-1]}, to which it grows from zero in the first record"
 
 
 def _by_record(c: Change) -> str:

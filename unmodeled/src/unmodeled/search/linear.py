@@ -165,7 +165,7 @@ def _local_of(problem: Problem, members: Members, observed: Observed) -> tuple[L
         if i >= own and not _starts_at_rest(observed, s)
     ]
     shown = np.atleast_1d(observed.valid.any(axis=0))
-    further = (q for q in problem.locals_of(members) if shown[q.index])
+    further = (q for q in problem.locals_of(members) if q.kind == "own" or shown[q.index])
     return (*observed.local, *further, *hidden)
 
 
@@ -217,8 +217,10 @@ def request_at(problem: Problem, ask: EvaluationRequest, r: int) -> SensitivityR
         theta_at(problem, x),
         start_states(problem, ask, r),
         included,
-        magnitudes_at(problem, ask.members, x, observed),
-        by_theta=[*problem.free, *_moved_only(problem, ask.members)] if ask.by_global else (),
+        magnitudes_at(problem, ask.members, x, observed) + _own_sizes(problem, ask, r),
+        by_theta=[*problem.free, *_moved_only(problem, ask.members)]
+        if ask.by_global
+        else [e.moves for e in problem.effects_of(ask.members) if e.moves is not None],
         by_starts=any(q.kind == "start" for q in local_of(problem, ask.members, observed)),
         candidates=problem.candidates(ask.further),
         shape_changes=tuple(
@@ -226,6 +228,16 @@ def request_at(problem: Problem, ask: EvaluationRequest, r: int) -> SensitivityR
         ),
         rough=ask.rough,
     )
+
+
+def _own_sizes(problem: Problem, ask: EvaluationRequest, r: int) -> Array:
+    """What the magnitudes of the effects of a set are in a record beside those of all records."""
+    own = [m.cause for m in ask.members if problem.causes[m.cause].effect is not None]
+    out, local = np.zeros(len(own)), local_of(problem, ask.members, ask.records[r])
+    for q, value in zip(local, ask.point.local[r], strict=True):
+        if q.kind == "own":
+            out[own.index(q.index)] += q.scale * value
+    return out
 
 
 def _moved_only(problem: Problem, members: Members) -> list[int]:
@@ -257,24 +269,30 @@ def _derived(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[L
     found = iter(found_all)
     out = []
     for ask in asks:
-        own = []
+        found_of = []
         for r, o in enumerate(ask.records):
             scales, further = (problem.scales_in(m, o) for m in (ask.members, ask.further))
             s, columns = next(found), list(problem.channels)
             shape_columns = next(by_shapes)[:, columns]
+            local = local_of(problem, ask.members, o)
+            own = [m.cause for m in ask.members if problem.causes[m.cause].effect is not None]
+            places = [own.index(q.index) for q in local if q.kind == "own"]
             by_outputs = [s.d_starts[:, columns], s.d_candidates[:, columns] * further]
+            by_outputs += [s.d_magnitudes[:, columns][..., places]]
             if ask.by_global:
                 by_outputs += [s.d_theta[:, columns, : len(problem.free)] * problem.unit]
                 by_outputs += [s.d_magnitudes[:, columns] * scales, shape_columns]
-            ends = np.cumsum([part.shape[2] for part in by_outputs[:2]])
+            ends = np.cumsum([part.shape[2] for part in by_outputs[:3]])
             readings, by_readings, by_local = _sensed(
                 problem, ask, r, s.outputs[:, columns], np.concatenate(by_outputs, axis=2)
             )
-            by_starts, by_further, by_global = np.split(by_readings, ends, axis=2)
-            for j, q in enumerate(local_of(problem, ask.members, o)):
-                if q.kind == "start":
-                    by_local[:, :, j] = by_starts[:, :, q.index] * q.scale
-            own.append(
+            by_starts, by_further, by_own, by_global = np.split(by_readings, ends, axis=2)
+            sizes = iter(np.moveaxis(by_own, 2, 0))
+            for j, q in enumerate(local):
+                if q.kind in ("start", "own"):
+                    column = by_starts[:, :, q.index] if q.kind == "start" else next(sizes)
+                    by_local[:, :, j] = column * q.scale
+            found_of.append(
                 Linear(
                     _residual(o, readings),
                     _scaled(problem, o, by_global),
@@ -282,7 +300,7 @@ def _derived(problem: Problem, asks: Sequence[EvaluationRequest]) -> list[list[L
                     _scaled(problem, o, by_further),
                 )
             )
-        out.append(own)
+        out.append(found_of)
     return out
 
 

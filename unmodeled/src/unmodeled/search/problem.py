@@ -38,9 +38,9 @@ class Local:
     """One unknown of a single record."""
 
     kind: str
-    """"start", "mode", or a fault of a sensor (:mod:`unmodeled.chain`)."""
+    """"start", "mode", "own" or a fault of a sensor (:mod:`unmodeled.chain`)."""
     index: int
-    """Index of the state, of the (first) channel, or of the mode."""
+    """Index of the state, of the mode, of the cause with an own size, or of the (first) channel."""
     mean: float
     """Prior mean [unit of the unknown]."""
     scale: float
@@ -76,22 +76,29 @@ class Cause:
     """Effect that changes the same number as the parameter, and whose name the cause has."""
     channel: str = ""
     """Channel of the error of each record."""
-    records: frozenset[int] = frozenset()
-    """Numbers of the measured records in which it acts; none: in all."""
+    shares: tuple[float, ...] = ()
+    """Share of its size that acts in each measured record; (): all of it in all."""
     scope: Scope = EVERYWHERE
     """The same by name."""
     family: int = -1
     """Index of the cause of all records with the same law; -1: it is this one."""
 
-    def acts_in(self, observed: Observed | None) -> bool:
-        """Whether it acts in a record; None: in one where everything acts."""
-        return not self.records or observed is None or observed.number in self.records
+    @property
+    def records(self) -> frozenset[int]:
+        """Numbers of the measured records in which it acts; none: in all."""
+        return frozenset(k for k, share in enumerate(self.shares) if share)
+
+    def acts_in(self, observed: Observed | None) -> float:
+        """Share of its size that acts in a record; None: in one where everything acts."""
+        if not self.shares or observed is None:
+            return 1.0
+        return self.shares[observed.number] if observed.number >= 0 else 0.0
 
     @property
     def subject(self) -> Subject:
         """What it is about."""
         if (words := self.effect or self.alias) is not None:
-            return replace(words.about, scope=self.scope) if self.records else words.about
+            return replace(words.about, scope=self.scope) if self.family >= 0 else words.about
         if self.local is None:
             return Subject("parameter", component=self.component)
         kind: SubjectKind = "sensor" if self.channel else "clock"
@@ -312,12 +319,12 @@ class Problem:
         return tuple(q for m in members if (q := self.causes[m.cause].local) is not None)
 
     @cached_property
-    def scopes(self) -> dict[frozenset[int], dict[int, int]]:
-        """Causes of some records: by records and by the law of all records."""
-        found: dict[frozenset[int], dict[int, int]] = {}
+    def scopes(self) -> dict[tuple[float, ...], dict[int, int]]:
+        """Causes of some records: by shares and by the law of all records; (): each its own."""
+        found: dict[tuple[float, ...], dict[int, int]] = {}
         for i, c in enumerate(self.causes):
-            if c.records:
-                found.setdefault(c.records, {})[c.family] = i
+            if c.family >= 0:
+                found.setdefault(c.shares, {})[c.family] = i
         return found
 
     def families_of(self, causes: Iterable[int]) -> set[int]:
@@ -327,7 +334,10 @@ class Problem:
     def scales_in(self, members: Members, observed: Observed | None) -> Array:
         """Scales of the effects of a set in a record [their units]: 0 where one does not act."""
         own = [c for m in members if (c := self.causes[m.cause]).effect is not None]
-        return np.array([c.effect.scale * c.acts_in(observed) for c in own if c.effect])
+        # A parameter is itself what its values in each record have in common.
+        common = [not (c.local and c.of_parameter) for c in own]
+        acts = [c.acts_in(observed) * on for c, on in zip(own, common, strict=True)]
+        return np.array([c.effect.scale * a for c, a in zip(own, acts, strict=True) if c.effect])
 
     def effects_of(self, members: Members) -> list[Effect]:
         """The effects of a set."""

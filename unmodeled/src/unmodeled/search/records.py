@@ -127,7 +127,7 @@ def prepare(
     fitted, held = split_records(ready.records, hold_out)
     problem = problem_of(ready.model, effects, fitted, held, options, ready.notes, ready.records)
     problem = replace(problem, causes=tuple(as_parameter(ready.model, c) for c in problem.causes))
-    return with_scopes(problem, [r.name for r in ready.records], options.then)
+    return with_scopes(problem, ready.records, options.then)
 
 
 def same_number(model: Model, effect: Effect) -> int | None:

@@ -11,31 +11,52 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
+from unmodeled.data import Record
 from unmodeled.errors import InvalidParameter
 from unmodeled.models.model import Effect, Parameter
 from unmodeled.models.subject import Subject
-from unmodeled.search.problem import RELEASED, Cause, Problem
+from unmodeled.search.problem import RELEASED, Cause, Local, Problem
+
+#: Least number of records whose differences are random, or a course.
+MANY = 4
+#: Name of the condition of a record that tells its start on a clock of all records.
+START = "start"
 
 
-def scopes_of(count: int) -> list[frozenset[int]]:
-    """Sets of records in which a law may act: one record, the first ones, the last ones."""
+def scopes_of(starts: Sequence[float]) -> list[tuple[float, ...]]:
+    """Shares of a law in each record: in one record, the first ones, the last ones, and growing.
+
+    ``starts``: times at which the records begin.
+    """
+    count = len(starts)
     if count < 2:
         return []
     runs = [range(k, k + 1) for k in range(count)]
     runs += [range(k) for k in range(2, count)]
     runs += [range(k, count) for k in range(1, count - 1)]
-    return list(dict.fromkeys(frozenset(run) for run in runs))
+    shares = [tuple(float(k in run) for k in range(count)) for run in runs]
+    if count >= MANY:
+        since = [t - min(starts) for t in starts]
+        shares.append(tuple(t / max(since) for t in since))
+    return list(dict.fromkeys(shares))
 
 
-def with_scopes(problem: Problem, names: Sequence[str], then: Sequence[str] = ()) -> Problem:
+def starts_of(records: Sequence[Record]) -> list[float]:
+    """Times at which records begin: those that all of them state, or their order."""
+    stated = [r.conditions.get(START) for r in records]
+    known = [float(t) for t in stated if isinstance(t, int | float)]
+    return known if len(set(known)) == len(records) else [float(k) for k in range(len(records))]
+
+
+def with_scopes(problem: Problem, records: Sequence[Record], then: Sequence[str] = ()) -> Problem:
     """The problem with the causes of some of its measured records.
 
     Parameters
     ----------
     problem
         Problem whose causes act in all records.
-    names
-        Names of the measured records, in their order.
+    records
+        The measured records, in their order.
     then
         Names of those after a change, the only scope then; (): there may be any.
 
@@ -44,34 +65,44 @@ def with_scopes(problem: Problem, names: Sequence[str], then: Sequence[str] = ()
     InvalidParameter
         There are no such records, or no others.
     """
-    scopes = scopes_of(len(names))
+    names = [r.name for r in records]
+    scopes = scopes_of(starts_of(records))
     if then:
         if not set(then) < set(names):
             raise InvalidParameter(
                 f"then: got {', '.join(then)}, expected some of the records, and not all: "
                 f"{', '.join(names)}"
             )
-        scopes = [frozenset(k for k, name in enumerate(names) if name in then)]
+        scopes = [tuple(float(name in then) for name in names)]
     if not scopes:
         return problem
     causes = list(problem.causes)
+    each = len(problem.fit) >= MANY - 1 and not then
     for i, (cause, effect) in enumerate(_with_effects(problem)):
         if effect is None:
             continue
-        for records in scopes:
-            here = tuple(names[k] for k in sorted(records))
-            scope = replace(effect.about.scope, records=here)
-            causes.append(
-                Cause(
-                    f"{cause.name}{scope.where}",
-                    cause.component,
-                    effect,
-                    log_odds=cause.log_odds - math.log(len(scopes)),
-                    records=records,
-                    scope=scope,
-                    family=i,
-                )
+        own = Cause(
+            "",
+            cause.component,
+            effect,
+            log_odds=cause.log_odds - math.log(len(scopes) + each),
+            family=i,
+        )
+        for shares in scopes:
+            here = tuple(n for n, share in zip(names, shares, strict=True) if share)
+            course = not set(shares) <= {0.0, 1.0}
+            scope = replace(
+                effect.about.scope,
+                records=here,
+                shares=tuple(filter(None, shares)) if course else (),
             )
+            name = f"{cause.name}{scope.where}"
+            causes.append(replace(own, name=name, shares=shares, scope=scope))
+        if each and not cause.of_records:
+            local = Local("own", len(causes), 0.0, effect.scale)
+            scope = replace(effect.about.scope, each=True)
+            name = f"{cause.name} in each record"
+            causes.append(replace(own, name=name, local=local, scope=scope))
     return replace(problem, causes=tuple(causes))
 
 

@@ -212,7 +212,7 @@ def equivalents(
         for i, cause in enumerate(problem.causes)
         if cause.parameter is not None
         and i not in fitted.causes
-        and not problem.causes[member].records
+        and problem.causes[member].family < 0
         and (g_index := problem.free.index(cause.parameter)) != a
     ]
     tried = [(g + j, m.cause, m.shape) for j, m in enumerate(others_of)]
@@ -230,7 +230,7 @@ def equivalents(
         if abs(cosine) > max(ALIKE, abs(best[cause][1]) if cause in best else 0.0):
             step = float(np.clip(x[a] * left[0, 1] / left[1, 1], -5.0 * MOST, 5.0 * MOST))
             best[cause] = Score(cause, shape, 0.0, step), cosine
-    if problem.causes[member].records:
+    if problem.causes[member].family >= 0:
         (shape,) = (m.shape for m in fitted.members if m.cause == member)
         alike = [(Score(member, shape, 0.0, float(x[a])), 1.0), *best.values()]
         for score, cosine in alike:
@@ -261,14 +261,14 @@ def _same_when_fitted(problem: Problem, member: int) -> list[int]:
     """The law of a member in other records of which the same ones are fitted."""
     found = problem.causes[member]
 
-    def fitted(records: frozenset[int]) -> list[bool]:
-        return [o.number in records for o in problem.fit]
+    def fitted(shares: tuple[float, ...]) -> list[float]:
+        return [shares[o.number] for o in problem.fit]
 
     return [
         causes[found.family]
-        for records, causes in problem.scopes.items()
-        if found.records and records != found.records and found.family in causes
-        if fitted(records) == fitted(found.records)
+        for shares, causes in problem.scopes.items()
+        if found.shares and shares and shares != found.shares and found.family in causes
+        if fitted(shares) == fitted(found.shares)
     ]
 
 
@@ -277,9 +277,9 @@ def _alike_columns(
 ) -> tuple[Sequence[Array], Members]:
     """Derivatives by what may resemble a member: in its records, if it acts in some only."""
     found = problem.causes[member]
-    if not found.records:
+    if found.family < 0:
         return seen.by_further, seen.further
-    causes = problem.scopes[found.records]
+    causes = problem.scopes[found.shares]
     rows = [row for row in _rows(problem, seen) if causes.get(row.law, member) != member]
     columns = [
         np.stack([row.column(fitted, seen, r) * found.acts_in(o) for row in rows], axis=2)
@@ -319,7 +319,7 @@ def _in_each_record(problem: Problem, fitted: Fitted) -> dict[int, Score]:
     """Scores of errors of a sensor in each record: at most their gain, the other unknowns fixed."""
     found = {}
     for i, cause in enumerate(problem.causes):
-        if cause.local is None or i in fitted.causes:
+        if cause.local is None or cause.effect is not None or i in fitted.causes:
             continue
         fault, gain = fault_of(cause.local.kind), 0.0
         for o, linear in zip(problem.fit, fitted.linears, strict=True):
@@ -354,7 +354,7 @@ def _in_some_records(
 
     ``everywhere``: scores of the laws in all records.
     """
-    known = {problem.causes[i].records for i in fitted.causes} - {frozenset[int]()}
+    known = {problem.causes[i].shares for i in fitted.causes} - {()}
     scopes = {s: causes for s, causes in problem.scopes.items() if not known or s in known}
     rows = _rows(problem, seen)
     inside = problem.families_of(fitted.causes)
@@ -365,12 +365,27 @@ def _in_some_records(
     down = found.inverse @ (right - weight * fitted.point.x)
     best: dict[int, tuple[float, Score]] = {}
     left = [0.5 * float(((x.residual / fitted.noise) ** 2).sum()) for x in fitted.linears]
-    for records, causes in scopes.items():
-        acts = [o.number in records for o in problem.fit]
-        if all(acts) or not any(acts):
+
+    def keep(row: _Row, i: int, value: float, acts: Sequence[float], step: float) -> None:
+        """Keep a scope of a law if it is the best one."""
+        if value < sum(v for v, on in zip(left, acts, strict=True) if on) / 3.0:
+            return
+        value += problem.causes[i].log_odds - problem.causes[row.law].log_odds
+        rival = everywhere[row.law].gain if row.law in everywhere else 0.0
+        if value > max(rival, best[row.law][0] if row.law in best else 0.0):
+            columns = tuple(row.column(fitted, seen, r) * on for r, on in enumerate(acts))
+            own = columns if problem.causes[i].local is None else ()
+            best[row.law] = value, Score(i, row.shape, value, step, own)
+
+    for shares, causes in scopes.items():
+        if not shares:
+            continue
+        acts = [shares[o.number] for o in problem.fit]
+        if len(set(acts)) < 2:
             continue
         gain, further, own = (
-            sum(part[k] for part, on in zip(parts, acts, strict=True) if on) for k in range(3)
+            sum(part[k] * on**power for part, on in zip(parts, acts, strict=True))
+            for k, power in enumerate((1, 1, 2))
         )
         slope = np.asarray(gain - further @ down)
         square = own - np.einsum("cg,cg->c", further @ found.inverse, further) + WEAK
@@ -378,20 +393,29 @@ def _in_some_records(
             if row.law not in causes or row.law in inside or not a > 0.0:
                 continue
             i, step = causes[row.law], float(b / a)
-            cause = problem.causes[i]
-            low, high = cause.bounds
-            if not (np.isfinite(step) and low <= step <= high):
-                continue
-            value = 0.5 * float(b * b / a)
-            if value < sum(v for v, on in zip(left, acts, strict=True) if on) / 3.0:
-                continue
-            value += cause.log_odds - problem.causes[row.law].log_odds
-            rival = everywhere[row.law].gain if row.law in everywhere else 0.0
-            if value > max(rival, best[row.law][0] if row.law in best else 0.0):
-                columns = tuple(row.column(fitted, seen, r) * on for r, on in enumerate(acts))
-                start = float(np.clip(step, -MOST, MOST))
-                best[row.law] = value, Score(i, row.shape, value, start, columns)
+            low, high = problem.causes[i].bounds
+            if np.isfinite(step) and low <= step <= high:
+                keep(row, i, 0.5 * float(b * b / a), acts, float(np.clip(step, -MOST, MOST)))
+    each = {} if known else problem.scopes.get((), {})
+    for k, row in enumerate(rows):
+        if row.law in each and row.law not in inside:
+            gain, further, own = (np.array([part[j][k] for part in parts]) for j in range(3))
+            value = _each_its_own(gain, further, own, down, found.inverse)
+            keep(row, each[row.law], value, [1.0] * len(parts), 0.0)
     return {s.cause: s for _, s in best.values()}
+
+
+def _each_its_own(gain: Array, further: Array, own: Array, down: Array, inverse: Array) -> float:
+    """Gain of a law with a size of its own in each record: log evidence, with its prior.
+
+    ``gain``, ``own``: (records,); ``further``: products with the unknowns of the set, (records, g).
+    """
+    square = np.diag(own + 1.0) - further @ inverse @ further.T
+    slope = gain - further @ down
+    sign, log_det = np.linalg.slogdet(square)
+    if not (sign > 0.0 and np.isfinite(log_det)):
+        return 0.0
+    return float(0.5 * (slope @ np.linalg.solve(square, slope) - log_det))
 
 
 @dataclass(frozen=True)

@@ -451,7 +451,7 @@ def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score
 
     Of the causes of some records, the first two: their equivalents are found later.
     """
-    scoped = [s.cause for s in ranked if problem.causes[s.cause].records][2:]
+    scoped = [s.cause for s in ranked if problem.causes[s.cause].family >= 0][2:]
     ranked = [s for s in ranked if s.cause not in scoped]
     best = max((s.gain for s in ranked), default=0.0)
     count = max(tries, sum(s.gain > NEARLY * best for s in ranked))
@@ -526,7 +526,7 @@ class _Climb:
     def _sure(self, s: Fitted) -> bool:
         """Whether a set with a cause of some records has the strict evidence: others go on."""
         new = {*s.causes} - {*self.now.causes}
-        scoped = any(self.problem.causes[i].records for i in new)
+        scoped = any(self.problem.causes[i].family >= 0 for i in new)
         return not scoped or log_odds(self._strict, s, self.now) > WORTH
 
     def _add(self) -> bool:

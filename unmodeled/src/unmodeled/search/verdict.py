@@ -767,28 +767,52 @@ def _size(problem: Problem, fitted: Fitted, cause: int) -> tuple[float, float, f
 def _in_each_record(
     problem: Problem, fitted: Fitted, cause: int, probability: float, covariance: Array
 ) -> NamedCause:
-    """An error of a sensor in each record; its magnitude is the rms over the records."""
+    """What each record has by itself; its magnitude is the rms over the records."""
     found = problem.causes[cause]
     assert found.local is not None
-    fault = fault_of(found.local.kind)
-    assert fault.each is not None
-    values, variance = in_each_record(problem, fitted, fault.name, found.local.index, covariance)
+    values, variance = in_each_record(
+        problem, fitted, found.local.kind, found.local.index, covariance
+    )
     rms = math.sqrt(sum(v * v for v in values) / len(values))
     half, scale = HALF * math.sqrt(variance), found.local.scale
-    return NamedCause(
-        cause=found.name,
-        component=found.component,
-        unit=fault.unit or problem.units[found.local.index],
+    own = NamedCause(found.name, found.component, "", 0.0, 0.0, 0.0, probability, kind="sensor")
+    at = 0.0
+    if (effect := found.effect) is not None:
+        at = _common(problem, fitted, cause)
+        own = replace(
+            own,
+            unit=effect.unit,
+            kind=effect.kind,
+            title=effect.label,
+            mechanism=effect.mechanism,
+            remedy=effect.remedy,
+        )
+    else:
+        fault = fault_of(found.local.kind)
+        assert fault.each is not None
+        own = replace(
+            own,
+            unit=fault.unit or problem.units[found.local.index],
+            mechanism=f"The sensor has another {fault.each[0]} in each record.",
+            remedy=fault.each[1],
+        )
+    return replace(
+        own,
         magnitude=scale * rms,
         low=scale * max(rms - half, 0.0),
         high=scale * (rms + half),
-        probability=probability,
-        by_record=tuple(scale * v for v in values),
-        mechanism=f"The sensor has another {fault.each[0]} in each record.",
-        remedy=fault.each[1],
-        kind="sensor",
+        by_record=tuple(at + scale * v for v in values),
         subject=found.subject,
     )
+
+
+def _common(problem: Problem, fitted: Fitted, cause: int) -> float:
+    """What a law that each record has by itself has in common: the parameter, or a magnitude."""
+    effect = problem.causes[cause].effect
+    assert effect is not None
+    if effect.moves is not None:
+        return float(theta_at(problem, fitted.point.x)[effect.moves])
+    return effect.scale * float(fitted.point.x[index_of(problem, fitted.members, cause)])
 
 
 def _parameter(answer: Answer, k: int, given: Sequence[int] = ()) -> ParameterValue:
