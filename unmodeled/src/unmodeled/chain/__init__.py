@@ -117,6 +117,11 @@ class Fault:
         del signal
         return {"scale": 0.05}
 
+    def suits(self, signal: Signal) -> bool:
+        """Whether a signal with these values may have it."""
+        del signal
+        return True
+
     def of(self, signal: Signal) -> Fault:
         """The fault of a signal, with numbers that follow from its values."""
         del signal

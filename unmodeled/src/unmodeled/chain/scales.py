@@ -139,6 +139,35 @@ class Saturation(_Lost):
         }
 
 
+#: Largest values of the other sign that the noise of a signal without a sign has [its size].
+SIGNLESS = 0.1
+
+
+def one_signed(values: Array) -> int:
+    """Sign of values that never have the other one, but for noise; 0: they have both."""
+    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    return (low > -SIGNLESS * high) - (high < -SIGNLESS * low)
+
+
+class AbsoluteValue(_Lost):
+    """The sign of the signal is lost: size 1 is its absolute value."""
+
+    name, place = "absolute value", 6.0
+    sensor = ("The sensor does not show the sign.", "Use a sensor that shows the direction.")
+
+    def part(self, y: Array, shape: Any) -> Array:
+        return np.asarray(y - np.abs(y))
+
+    def push(self, run: Run, y: Array, size: float, shape: Any, change: Array) -> Array:
+        return change * (1.0 - size * (1.0 - np.sign(y)))
+
+    def fields(self, signal: Signal) -> dict[str, Any]:
+        return {"scale": 0.3, "sign": 1, "upper": 1.0}
+
+    def suits(self, signal: Signal) -> bool:
+        return one_signed(signal.values) == 1
+
+
 class DeadZone(_Lost):
     """A signal that acts less within a level of both signs: size 1 is a full dead zone.
 
@@ -197,5 +226,5 @@ def unwrapped(values: Array, period: float) -> Array:
     return out
 
 
-for _fault in (Gain(), Nonlinearity(), Offset(), Saturation(), DeadZone(), Wrap()):
+for _fault in (Gain(), Nonlinearity(), Offset(), Saturation(), AbsoluteValue(), DeadZone(), Wrap()):
     register(_fault)

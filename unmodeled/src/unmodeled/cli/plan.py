@@ -143,6 +143,8 @@ def _print(result: Plan) -> None:
     _print_causes(result.effects)
     for group in result.inseparable:
         say("none of these records separates: " + ", ".join(group))
+    for text in result.repeats:
+        say(text)
     for t in result.tests[:MOST_TESTS]:
         to = f"{t.sd:.1%}" if t.unit == "1" else _amount(t.sd, t.unit)
         say(f"measure a part separately: {t.name} to {to} ({value(t.after)})")

@@ -26,6 +26,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import chain
 from typing import Any, Literal
 
 import numpy as np
@@ -38,6 +39,7 @@ from unmodeled.errors import InvalidParameter
 from unmodeled.fit.measured import untested
 from unmodeled.fit.observe import machine_candidates, observe_all
 from unmodeled.models.model import Effect, Jobs, Model
+from unmodeled.models.subject import Scope
 from unmodeled.search.evidence import Fitted, precision, prior_of, system
 from unmodeled.search.fit import empty_point
 from unmodeled.search.linear import (
@@ -88,6 +90,8 @@ class Belief:
     """Fitted values of parameters [their units]."""
     left: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """Noise of the sensor, and rms that the model leaves, by output [its unit]."""
+    repeats: tuple[str, ...] = ()
+    """Records that separate causes of some records from what their inputs show."""
 
     @classmethod
     def of_report(cls, report: Result | Mapping[str, Any]) -> Belief:
@@ -130,6 +134,9 @@ class Belief:
                     for c in data["channels"]
                     if c["noise"] is not None and c["explained"] is not None
                 },
+                repeats=_repeats(
+                    [*data["named"], *chain(*data["classes"])], data.get("records", ())
+                ),
             )
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidParameter(
@@ -146,6 +153,16 @@ def _shares(sets: Sequence[Mapping[str, Any]], named: Collection[str]) -> dict[s
         for c in rest:
             weights[c] = weights.get(c, 0.0) + float(s["probability"]) / len(rest)
     return weights
+
+
+def _repeats(causes: Sequence[Mapping[str, Any]], records: Sequence[str]) -> tuple[str, ...]:
+    """Records to repeat because of causes of some records."""
+    found: dict[str, list[str]] = {}
+    for n in causes:
+        scope = n.get("subject", {}).get("scope", {})
+        text = Scope(records=tuple(scope.get("records", ()))).repeat(records)
+        found.setdefault(text, []).append(n["cause"])
+    return tuple(f"{', '.join(names)}: {text}" for text, names in found.items() if text)
 
 
 def _shape(value: Any) -> Any:

@@ -119,6 +119,8 @@ class Plan:
     """Causes that all records together could not distinguish."""
     failed: tuple[str, ...]
     """Names of the records that the model could not simulate."""
+    repeats: tuple[str, ...] = ()
+    """Records to repeat with another input, because causes act in some records only."""
 
     def as_dict(self) -> dict[str, Any]:
         """The plan as one JSON object: records by name; an infinite number is a text."""
@@ -222,7 +224,8 @@ def plan(
             f"plan: {model.name} can simulate none of the {len(proposed)} proposed records "
             f"({name}: {why})"
         )
-    return _result(start, options, tuple(failed))
+    found = _result(start, options, tuple(failed))
+    return found if belief is None else replace(found, repeats=belief.repeats)
 
 
 def _result(

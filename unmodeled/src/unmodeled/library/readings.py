@@ -338,5 +338,6 @@ def for_sensor(outputs: Sequence[str], name: str, record: Record) -> tuple[Effec
     >>> [e.name for e in library.for_sensor(["x"], "x", record)][:3]
     ['lag of sensor x', 'delay of sensor x', 'gain of sensor x']
     """
-    chosen = [n for n, fault in faults().items() if fault.sensor is not None]
+    signal = Signal(name, record.outputs[name], record.interval)
+    chosen = [n for n, f in faults().items() if f.sensor is not None and f.suits(signal)]
     return tuple(sensor_fault(outputs, name, n, record=record) for n in chosen)

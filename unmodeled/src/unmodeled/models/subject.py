@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,6 +33,19 @@ class Scope:
             return ""
         between = " and " if len(self.records) == 2 else " to "
         return f" in {between.join(dict.fromkeys((self.records[0], self.records[-1])))}"
+
+    def repeat(self, names: Sequence[str]) -> str:
+        """Record that tells whether it is of its records or of their inputs; "": there is none.
+
+        ``names``: those of all records.
+        """
+        others = [n for n in names if n not in self.records]
+        if not self.records or not others:
+            return ""
+        return (
+            f"repeat {self.records[-1]} with the input of {others[0]}: what is still there is of "
+            "the machine at that time, what is not comes from the input"
+        )
 
 
 #: All records, one size.

@@ -467,6 +467,8 @@ def _next(result: Result) -> list[str]:
         elif not c.equivalents:
             remedy = c.remedy or "measure it by itself, and correct the model."
             steps.append(f"{c.name}: {remedy}")
+        if text := c.subject.scope.repeat(result.records):
+            steps.append(f"{c.name}: {text}.")
     for group, record in zip(result.classes, result.apart, strict=False):
         names = f"{group[0].cause} from {group[1].cause}"
         steps += [f"To tell {names}, measure {n.cause} by itself." for n in group if n.parameter]

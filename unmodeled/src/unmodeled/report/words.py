@@ -177,6 +177,8 @@ def _of_signal(c: Change, words: _Words) -> str:
     """An error of a signal, or of the clock."""
     about, place, size = c.subject, words.place, words.size
     fault = about.fault if about.of_signal else ""
+    if fault == "absolute value":
+        return f"{place} {'shows' if words.be == 'is' else 'may show'} the {fault}, by {size}"
     if fault in LOST:
         return _lost(c, fault, place, size if c.high < 1.0 and c.low > 0.0 else "")
     if fault == "lag":

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from unmodeled.arguments import checked
+from unmodeled.chain.scales import one_signed
 from unmodeled.data import Array, Record, join_records
 from unmodeled.data.joining import align_clocks
 from unmodeled.data.wrapping import wrap_of
@@ -511,7 +512,26 @@ def hints(model: Model, runs: Runs, rows: Sequence[Compared], trials: _Trials) -
             found += _follows(runs, [*_inputs(model, runs), *_scales(rows)], trials)
     if size > ANY_SIZE:
         found = [replace(h, sure=False) for h in found]
-    return tuple(found or _delays(rows))
+    return tuple(found or [*_without_sign(runs)] or _delays(rows))
+
+
+def _without_sign(runs: Runs) -> Iterator[Hint]:
+    """Channels that never change their sign, where the model does and its absolute value fits."""
+    for name in dict.fromkeys(n for r, y in runs for n in r.outputs if n in y):
+        seen = [(r.outputs[name], y[name]) for r, y in runs if name in r.outputs]
+        own, model = (np.concatenate(part) for part in zip(*seen, strict=True))
+        known = np.isfinite(own) & np.isfinite(model)
+        own, model = own[known], model[known]
+        if not known.any() or one_signed(own) != 1 or one_signed(model):
+            continue
+        left, without = (float(np.sum((own - y) ** 2)) for y in (np.abs(model), model))
+        if left < LEAVES * without:
+            yield Hint(
+                "absolute",
+                (name,),
+                f"{name} never changes its sign, and its model does: is it an absolute value? "
+                "The model follows all records with that of its output",
+            )
 
 
 def _wraps(runs: Runs) -> Iterator[Hint]:

@@ -648,7 +648,17 @@ class Hint:
     """An error of the records, or of what is stated, that would explain a difference."""
 
     kind: Literal[
-        "unit", "sign", "scale", "clock", "input", "exchange", "delay", "wrap", "parameter", "start"
+        "unit",
+        "sign",
+        "scale",
+        "clock",
+        "input",
+        "exchange",
+        "delay",
+        "wrap",
+        "parameter",
+        "start",
+        "absolute",
     ]
     channels: tuple[str, ...]
     text: str
