@@ -28,11 +28,11 @@ from unmodeled.library import (
     product_loss,
     second_store,
 )
+from unmodeled.library.forces import product, rate_of_all
+from unmodeled.library.readings import together
 from unmodeled.models.coordinates import Coordinate, Coupling, Named
 from unmodeled.models.matching import matched
 from unmodeled.models.model import Effect, Model, State, prior_jobs
-from unmodeled.library.forces import product, rate_of_all
-from unmodeled.library.readings import together
 from unmodeled.units import same_unit
 
 #: Share of the values below the typical size of a quantity [1].
