@@ -150,9 +150,13 @@ def twice(names: Sequence[str]) -> list[str]:
     return [n for n, count in Counter(names).items() if count > 1]
 
 
+#: Start of a record that states nothing about it.
+AS_STATED = StartPrior()
+
+
 def start_in(state: State, record: Record) -> tuple[float, float]:
     """Mean and standard deviation of a state at the start of a record; inf: it is not known."""
-    prior = record.start or StartPrior()
+    prior = record.start or AS_STATED
     sd = state.start_sd if prior.known else math.inf
     return prior.mean.get(state.name, state.start), prior.sd.get(state.name, sd)
 

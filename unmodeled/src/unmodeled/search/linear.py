@@ -121,7 +121,7 @@ def shapes_of(problem: Problem, members: Members, x: Array) -> tuple[Candidate, 
     for j, (k, place) in enumerate(_places(problem, members)):
         steps[k][place] = float(x[at + j]) * spread_of(candidates[k].effect, place)
     return tuple(
-        Candidate(c.effect, moved(c.effect, c.shape, step))
+        Candidate(c.effect, moved(c.effect, c.shape, step)) if step else c
         for c, step in zip(candidates, steps, strict=True)
     )
 

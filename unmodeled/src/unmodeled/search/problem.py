@@ -94,6 +94,16 @@ class Cause:
             return 1.0
         return self.shares[observed.number] if observed.number >= 0 else 0.0
 
+    @cached_property
+    def common(self) -> float:
+        """Scale of what it is in all records [its unit]; 0: a parameter that each has by itself.
+
+        The parameter is itself what its values have in common.
+        """
+        if self.effect is None or (self.local is not None and self.effect.moves is not None):
+            return 0.0
+        return self.effect.scale
+
     @property
     def subject(self) -> Subject:
         """What it is about."""
@@ -308,11 +318,18 @@ class Problem:
 
     def candidates(self, members: Members) -> tuple[Candidate, ...]:
         """The effects of a set as candidates of the model; parameters are none."""
-        return tuple(
-            Candidate(effect, m.shape)
-            for m in members
-            if (effect := self.causes[m.cause].effect) is not None
-        )
+        return tuple(c for m in members if (c := self._candidate(m)) is not None)
+
+    def _candidate(self, member: Member) -> Candidate | None:
+        if member not in self._candidates:
+            effect = self.causes[member.cause].effect
+            self._candidates[member] = Candidate(effect, member.shape) if effect else None
+        return self._candidates[member]
+
+    @cached_property
+    def _candidates(self) -> dict[Member, Candidate | None]:
+        """Candidates of members that were asked for."""
+        return {}
 
     def locals_of(self, members: Members) -> tuple[Local, ...]:
         """The unknowns of each record that a set adds."""
@@ -334,10 +351,7 @@ class Problem:
     def scales_in(self, members: Members, observed: Observed | None) -> Array:
         """Scales of the effects of a set in a record [their units]: 0 where one does not act."""
         own = [c for m in members if (c := self.causes[m.cause]).effect is not None]
-        # A parameter is itself what its values in each record have in common.
-        common = [not (c.local and c.of_parameter) for c in own]
-        acts = [c.acts_in(observed) * on for c, on in zip(own, common, strict=True)]
-        return np.array([c.effect.scale * a for c, a in zip(own, acts, strict=True) if c.effect])
+        return np.array([c.common * c.acts_in(observed) for c in own])
 
     def effects_of(self, members: Members) -> list[Effect]:
         """The effects of a set."""
