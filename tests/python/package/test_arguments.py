@@ -1029,6 +1029,8 @@ CALLS = {
     "unmodeled.fit.Equations": lambda: dict(ODE),
     "unmodeled.fit.Equations.force_in": None,  # inside the choice of the candidates
     "unmodeled.fit.Equations.is_parameter": None,  # inside the choice of the candidates
+    "unmodeled.fit.Equations.drive_of": None,  # inside the choice of the candidates
+    "unmodeled.fit.Equations.forces_in": None,  # inside the choice of the candidates
     "unmodeled.fit.Parameter": lambda: {
         "name": "p",
         "value": 1.0,

@@ -1,6 +1,7 @@
 """Causes of some records: a law acts in one record, in the first ones, or in the last ones."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from unmodeled import Equations, InvalidParameter, Options, Record, Sensor, Verdict
 from unmodeled.cli import main
-from unmodeled.search.scopes import scopes_of
+from unmodeled.search.scopes import scopes_of, starts_of
 
 EFFECTS = ["constant force x", "dry friction x", "* of input F", "gain of sensor x",
            "offset of sensor x"]  # fmt: skip
@@ -153,9 +154,50 @@ def test_records_of_one_machine_differ_in_nothing():
 
 
 def test_scopes_are_single_records_and_runs_from_an_end():
-    assert scopes_of(1) == []
-    assert scopes_of(2) == [{0}, {1}]
-    assert scopes_of(4) == [{0}, {1}, {2}, {3}, {0, 1}, {0, 1, 2}, {1, 2, 3}, {2, 3}]
+    assert scopes_of([0.0]) == []
+    assert scopes_of([0.0, 1.0]) == [(1.0, 0.0), (0.0, 1.0)]
+    *runs, grows = scopes_of([5.0, 6.0, 7.0, 9.0])
+    found = [{k for k, share in enumerate(shares) if share == 1.0} for shares in runs]
+    assert found == [{0}, {1}, {2}, {3}, {0, 1}, {0, 1, 2}, {1, 2, 3}, {2, 3}]
+    assert grows == (0.0, 0.25, 0.5, 1.0)
+
+
+def test_the_start_of_records_is_what_all_of_them_state():
+    one, other = driven(2)
+    assert starts_of([one, other]) == [0.0, 1.0]
+    stated = [replace(r, conditions={"start": 60.0 * k}) for r, k in ((one, 3), (other, 8))]
+    assert starts_of(stated) == [180.0, 480.0]
+    assert starts_of([stated[0], other]) == [0.0, 1.0]
+
+
+def test_a_parameter_of_each_record_is_told_by_its_scatter():
+    masses = [2.0, 2.5, 1.7, 2.2, 1.9]
+    report = diagnosed(driven(5, mass=masses))
+    (cause,) = report.named
+    assert (cause.cause, cause.subject.scope.each) == ("m in each record", True)
+    fitted = dict(zip(report.records, cause.by_record, strict=True))
+    assert fitted == pytest.approx({n: masses[int(n[3])] for n in fitted}, abs=0.01)
+    assert "differs by 0.2" in report.summary()
+    again = driven(5, mass=masses, seed=9)[int(report.records[0][3])]
+    left = report.model.simulate(again)["x"] - again.outputs["x"]
+    assert np.std(left) < 1.2e-4
+
+
+def test_a_force_of_each_record_is_told_by_its_values():
+    forces = [0.4, -0.5, 0.2, 1.0, -0.1]
+    report = diagnosed(driven(5, force=forces))
+    (cause,) = told(report)
+    assert cause.cause == "constant force x in each record"
+    fitted = dict(zip(report.records, cause.by_record, strict=True))
+    assert fitted == pytest.approx({n: forces[int(n[3])] for n in fitted}, abs=0.05)
+
+
+def test_a_gain_that_falls_over_the_records_is_told_by_that_of_the_last_one():
+    report = diagnosed(driven(5, force=[0.0, 0.25, 0.5, 0.75, 1.0]))
+    (cause,) = [n for n in told(report) if n.cause.startswith("constant force")]
+    assert cause.cause == "constant force x over the records"
+    assert cause.magnitude == pytest.approx(1.0, abs=0.02)
+    assert "in rec4, to which it grows from zero in the first record" in report.summary()
 
 
 def two_joints(late_inputs=0, late_sensors=0):

@@ -24,10 +24,12 @@ SIZES = {
     "dead zone": 0.4,
     "backlash": 0.1,
     "wrap": 1.3,
+    "absolute value": 0.4,
     "gain drift": 0.05,
+    "gain fade": 0.3,
     "zero drift": 0.2,
 }
-SHAPES = {"nonlinearity": "even", "saturation": 0.5, "dead zone": 0.2}
+SHAPES = {"nonlinearity": "even", "saturation": 0.5, "dead zone": 0.2, "gain fade": 0.8}
 
 
 def signal(time=TIME):
@@ -56,7 +58,9 @@ def test_derivatives_are_those_of_differences(name):
         numeric = (up - down) / (2.0 * h)
         near = np.abs(exact - numeric) < 1e-6 * max(np.abs(numeric).max(), 1.0)
         assert near.mean() > (
-            0.98 if fault.name in ("saturation", "dead zone", "backlash", "wrap") else 1 - 1e-9
+            0.98
+            if fault.name in ("absolute value", "saturation", "dead zone", "backlash", "wrap")
+            else 1 - 1e-9
         )
 
     h = 1e-5 * size

@@ -121,8 +121,6 @@ def input_fault(
     return _effect(own, signal, {"kind": kind, "excite": excite, **fields})
 
 
-#: Largest part of another signal in a reading, as a share of the motion of the reading [1].
-MOST_OF_IT = 0.7
 #: Faults that several signals may have in one: of a bus or a clock, of equal drives or filters.
 TOGETHER = ("delay", "lag", "gain")
 
@@ -270,8 +268,8 @@ def part_of(
         subject=Subject("sensor", law, name, f"sensor {name}", label),
         unit=product((record.sensors[name].unit, 1), (unit, -1)),
         scale=0.05 * sizes[0] / sizes[1],
-        lower=-MOST_OF_IT * sizes[0] / sizes[1],
-        upper=MOST_OF_IT * sizes[0] / sizes[1],
+        lower=-sizes[0] / sizes[1],
+        upper=sizes[0] / sizes[1],
         kind="sensor",
         observe=Link(Part(other), [list(outputs).index(name)]),
         shapes=tuple(times) or (None,),
