@@ -29,6 +29,7 @@ SIZES = {
     "gain fade": 0.3,
     "zero drift": 0.2,
 }
+KINKS = ("absolute value", "saturation", "dead zone", "backlash", "wrap")
 SHAPES = {"nonlinearity": "even", "saturation": 0.5, "dead zone": 0.2, "gain fade": 0.8}
 
 
@@ -57,11 +58,7 @@ def test_derivatives_are_those_of_differences(name):
     def compared(exact, up, down, h):
         numeric = (up - down) / (2.0 * h)
         near = np.abs(exact - numeric) < 1e-6 * max(np.abs(numeric).max(), 1.0)
-        assert near.mean() > (
-            0.98
-            if fault.name in ("absolute value", "saturation", "dead zone", "backlash", "wrap")
-            else 1 - 1e-9
-        )
+        assert near.mean() > (0.98 if fault.name in KINKS else 1 - 1e-9)
 
     h = 1e-5 * size
     up, down = (fault.act(run, y, size + s * h, shape) for s in (1.0, -1.0))
