@@ -43,11 +43,11 @@ from unmodeled.fit.priors import (
 )
 from unmodeled.fit.running import Run
 from unmodeled.fit.simulator import Simulator, match_simulator, numbers_of_simulator
+from unmodeled.models.influence import Influence, influences
 from unmodeled.models.matching import matched
 from unmodeled.models.model import (
     Candidate,
     Effect,
-    Influence,
     Origin,
     Ready,
     Sensitivity,
@@ -152,15 +152,6 @@ class MujocoModel(Simulator):
         changes = [[({n: values[n] + v}, 1.0 / v)] for n, v in steps.items()]
         found = columns_of(self.mjcf, run, changes, (), (), self.outputs)
         return None if found is None else dict(zip(steps, np.moveaxis(found, 2, 0), strict=True))
-
-    def influences(self, record: Record) -> Sequence[Influence]:
-        """See :class:`~unmodeled.fit.Model`: numbers of joints, servos and payloads."""
-        known = {n: p.kind for n, p in self.mjcf.properties.items() if p.tested}
-        left = (*LAWS, "zero")
-        tested = [n for n, k in known.items() if not k.place and n.rpartition(".")[2] not in left]
-        found = self._by_probes(self._tabulated_run(record), tested) or {}
-        kinds = {n: INFLUENCES.get(n.rpartition(".")[2], GRAVITY) for n in found}
-        return [Influence(n, by, *kinds[n]) for n, by in found.items()]
 
     def _largest(self, name: str) -> float:
         """Largest expected size: a stiff servo hides changes that no robot has."""
@@ -374,6 +365,15 @@ def _(model: MujocoModel, records: Sequence[Record]) -> Ready:
                 f"({which_column('ACTUATOR', wrong[0])}; inputs= of the model chooses)"
             )
     return match_simulator(model, records)
+
+
+@influences.register
+def _(model: MujocoModel, record: Record) -> Sequence[Influence]:
+    """Numbers of joints, servos and payloads."""
+    tested = [n for n, p in model.mjcf.properties.items() if p.tested]
+    found = model._by_probes(model._tabulated_run(record), tested) or {}
+    kinds = {n: INFLUENCES.get(n.rpartition(".")[2], GRAVITY) for n in found}
+    return [Influence(n, by, *kinds[n]) for n, by in found.items()]
 
 
 @text.register

@@ -471,19 +471,6 @@ class SensitivityRequest:
             )
 
 
-@dataclass(frozen=True, eq=False)
-class Influence:
-    """How a number of a model acts on the outputs over a record."""
-
-    name: str
-    by: Array
-    """Derivatives of the outputs by the number, (n, ny)."""
-    law: str
-    """What its force follows: "the speed"."""
-    shown_by: str
-    """Motions that show it: "slow and fast motions"."""
-
-
 @checked
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sensitivity:
@@ -607,11 +594,6 @@ class Model(ABC):
         """States over the record, (B, n, nx), in the order of ``states``; None: it has none."""
         del record, jobs
         return None
-
-    def influences(self, record: Record) -> Sequence[Influence]:
-        """Influence of each number of the model on a record, from one pass; (): it knows none."""
-        del record
-        return ()
 
     def doubts(self, batches: Sequence[Batch]) -> tuple[str, ...]:
         """Sentences about functions that give other numbers along motions than the runs had."""

@@ -9,7 +9,8 @@ import numpy as np
 
 from unmodeled.data import Array, Record
 from unmodeled.errors import shortened
-from unmodeled.models.model import Influence, Model, prior_jobs
+from unmodeled.models.influence import Influence, influences
+from unmodeled.models.model import Model, prior_jobs
 from unmodeled.search.records import noise_of_channel
 from unmodeled.search.score import ALIKE
 
@@ -26,12 +27,12 @@ def told_apart(model: Model, records: Sequence[Record], seconds: float) -> tuple
     if (time.process_time() - begin) * len(model.effects) > 2.0 * seconds:
         return (f"left out, because it would take more than {seconds:g} s: which numbers these "
                 "motions cannot tell apart",)  # fmt: skip
-    if not (found := model.influences(first)):
+    if not (found := influences(model, first)):
         return ()
     spent = time.process_time() - begin
     share = (seconds - spent) * first.samples / (spent * sum(r.samples for r in records))
     parts = [r.cut(0, max(first.samples, int(min(1.0, share) * r.samples))) for r in records]
-    columns = np.concatenate([_in_noise(model, p, model.influences(p)) for p in parts])
+    columns = np.concatenate([_in_noise(model, p, influences(model, p)) for p in parts])
     part = f" (from the first {share:.0%} of each record)" * (share < 1.0)
     return tuple(f"{text}{part}" for text in _sentences(found, columns))
 
