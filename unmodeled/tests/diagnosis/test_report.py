@@ -117,7 +117,7 @@ residual of angle falls from 20 % to 2.2 % of its motion. The rest matters: 2.2
 
 Changes
 The search ended at its limit, after 0 rounds of simulations.
-- The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231); 94 % sure;
+- The arm joint has dry friction of 0.0213 N m (0.0195 to 0.0231); 93 % sure;
   2.2 % of the motion of angle is left, and 8.4 % without it; in each record
   0.0211, 0.0216; threshold speed 0.01 rad/s. A constant torque acts against the
   motion.
