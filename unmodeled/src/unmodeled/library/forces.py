@@ -553,7 +553,6 @@ Maker = Callable[[Part, Scales], Effect]
 FOR_SPEED: tuple[Maker, ...] = (
     lambda c, s: dry_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: dry_friction_asymmetry(c, scale=0.1 * s.force, speed=s.speed),
-    lambda c, s: dry_friction_each_way(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: static_friction(c, scale=0.1 * s.force, speed=s.speed),
     lambda c, s: viscous_friction(c, scale=0.1 * s.force / s.speed),
     lambda c, s: quadratic_friction(c, scale=0.1 * s.force / s.speed**2),

@@ -275,7 +275,7 @@ def _lost(c: Change, fault: str, place: str, share: str) -> str:
 
 def _varies(c: Change, words: _Words) -> str:
     """A law or a parameter that each record has by itself: its scatter, mean and range."""
-    told = c.subject.label
+    told = c.subject.label or f"the size of {c.name.removesuffix(' in each record')}"
     place = c.component if len(c.component) == 1 else _with_article(c.component)
     thing = told if told[:4].lower() == "the " else f"{told} of {place}"
     least, most = min(c.by_record), max(c.by_record)
