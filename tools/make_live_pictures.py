@@ -1,6 +1,6 @@
-"""Draws the pictures of docs/howto/live.md: the live page in Chromium, by day and by night.
+"""Draws the pictures of docs/howto/live.md and page.md: pages in Chromium, by day and by night.
 
-python tools/make_live_pictures.py
+python tools/make_live_pictures.py [NAME...]
 """
 
 from __future__ import annotations
@@ -78,12 +78,60 @@ def measured_file(folder: Path) -> Path:
     return path
 
 
+def draw_page() -> None:
+    """The page of ``unmodeled page`` with the servo of the guide First answer."""
+    import shutil
+    import subprocess
+
+    from unmodeled.page.serve import PageServer
+
+    fault = "(e => e.hidden ? '' : e.textContent)(document.getElementById('fault'))"
+    with tempfile.TemporaryDirectory() as text, browser_of_the_tests()(1000, 700) as page:
+        folder = Path(text)
+        for path in (ROOT / "examples" / "first_answer").iterdir():
+            if path.is_file():
+                shutil.copy(path, folder)
+        subprocess.run([sys.executable, "measure.py", "servo"], cwd=folder, check=True)
+        server = PageServer(str(folder / "servo.xml"), sorted(folder.glob("servo_*.csv")))
+        threading.Thread(target=server.run, daemon=True).start()
+        while not server.started:
+            time.sleep(0.05)
+        page.open(server.address)
+        until(page, "document.querySelectorAll('#columns select').length > 0")
+        page.run("document.getElementById('check').click()")
+        until(page, "document.querySelectorAll('#checked figure').length > 0")
+        page.run("document.getElementById('search').click()")
+        until(page, "!document.getElementById('answer').hidden")
+        time.sleep(1.0)
+        if told := page.run(fault):
+            raise RuntimeError(told)
+        for name, width, height, there in (
+            ("page_check", 1000, 900, "h-records"),
+            ("page_answer", 1000, 900, "h-answer"),
+            ("page_narrow", 390, 844, "h-check"),
+        ):
+            page.resize(width, height)
+            time.sleep(0.5)
+            page.run(f"document.getElementById('{there}').scrollIntoView(); 1")
+            time.sleep(0.5)
+            drawn = folder / f"{name}.png"
+            drawn.write_bytes(page.picture())
+            small_png(drawn, FOLDER / f"{name}.png", width=width, colors=256)
+            print(name, flush=True)
+        server.stop()
+
+
 def main() -> None:
     """Draw all of them."""
     from feltmb.live.server import Live
 
+    if not sys.argv[1:] or "page" in sys.argv[1:]:
+        draw_page()
+    if sys.argv[1:] == ["page"]:
+        return
+
     FOLDER.mkdir(parents=True, exist_ok=True)
-    wanted = sys.argv[1:] or list(VIEWS)
+    wanted = [name for name in sys.argv[1:] if name != "page"] or list(VIEWS)
     with tempfile.TemporaryDirectory() as text, browser_of_the_tests()(1400, 1000) as page:
         folder = Path(text)
         live = Live(ACTION, [measured_file(folder)])

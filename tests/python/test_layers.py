@@ -70,6 +70,8 @@ MAY_USE = {
         "verification",
         "cli": f"{MODELS} blas fit library search report experiment diagnosis blind loading "
         "__init__",
+        # It has the options of the command line in a form.
+        "page": f"{MODELS} fit search report loading diagnosis cli __init__",
         "__main__": "cli",
     },
     # A mechanism and a stroke become a run; adapters make a mechanism a model of unmodeled.

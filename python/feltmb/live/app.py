@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import hmac
 import json
 import math
 import os
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable
+from collections.abc import AsyncIterator, Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from importlib import resources
@@ -21,17 +20,17 @@ import numpy as np
 import numpy.typing as npt
 import tomlkit
 from starlette.applications import Starlette
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route, WebSocketRoute
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from feltmb import __version__
 from feltmb.graphics.viewer import script_of
 from feltmb.graphics.viewer.packing import binary_message
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Measured, Uploads
+from feltmb.live.measured import Measured
 from feltmb.live.pictures import greeting
 from feltmb.live.request_queue import RequestQueue
 from feltmb.live.states import Asked, Turned, fault_of
@@ -39,12 +38,13 @@ from feltmb.mechanism import files_of, load_action
 from feltmb.run.simulate import simulate
 from feltmb.run.sound import difference, sampled, wav
 from feltmb.run.stroke import Stroke
-from unmodeled.errors import Error, InvalidParameter
+from unmodeled.errors import InvalidParameter
 from unmodeled.files import is_file, read_input
+from unmodeled.page.guard import HEADERS, MOST_UPLOAD, Guard, answer, body_of, guarded
+from unmodeled.page.uploads import Uploads
 
-#: Largest message of the WebSocket, body of a request, and uploaded file [bytes]; number of pages.
-MOST_MESSAGE, MOST_BODY, MOST_UPLOAD = 256 * 1024, 256 * 1024, 32 * 1024 * 1024
-MOST_PAGES = 16
+#: Largest body of a request [bytes]; number of pages.
+MOST_BODY, MOST_PAGES = 256 * 1024, 16
 #: Interval of the checks of the mechanism file [s].
 LOOK = 0.25
 
@@ -227,87 +227,6 @@ class Page:
                     return
 
 
-# --- who may use it ------------------------------------------------------------------------------
-
-
-class Guard:
-    """Reject requests that are not from our own page: other hosts, origins or tokens."""
-
-    def __init__(self, app: ASGIApp, token: str, hosts: tuple[str, ...]):
-        self.app = app
-        self.token = token
-        self.hosts = hosts
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer or reject a request."""
-        if scope["type"] not in ("http", "websocket"):
-            await self.app(scope, receive, send)
-            return
-        why = self._refused(scope)
-        if why is None:
-            await self.app(scope, receive, send)
-        elif scope["type"] == "websocket":
-            await send({"type": "websocket.close", "code": 1008, "reason": why[1]})
-        else:
-            await answer(why[1] + "\n", why[0])(scope, receive, send)
-
-    def _refused(self, scope: Scope) -> tuple[int, str] | None:
-        headers = [(k.lower(), v.decode("latin-1")) for k, v in scope["headers"]]
-        hosts = [v for k, v in headers if k == b"host"]
-        if len(hosts) != 1 or hosts[0] not in self.hosts:
-            return 421, "this server answers to its own address only"
-        origins = [v for k, v in headers if k == b"origin"]
-        allowed = [f"http://{host}" for host in self.hosts]
-        needs = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
-        if (needs and not origins) or any(origin not in allowed for origin in origins):
-            return 403, "requests of other pages are refused"
-        given = scope["path"].split("/")[1].encode("utf-8", "replace")
-        if not hmac.compare_digest(given, self.token.encode()):
-            return 404, "the address lacks the token that feltmb live printed"
-        return None
-
-
-def answer(
-    content: str | bytes, status: int = 200, kind: str = "text/plain; charset=utf-8"
-) -> Response:
-    """A response with the common headers."""
-    return Response(content, status, headers=HEADERS, media_type=kind)
-
-
-HEADERS = {
-    "Content-Security-Policy": (
-        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; "
-        "img-src 'self' data: blob:; media-src 'self' blob:; base-uri 'none'; form-action 'none'; "
-        "frame-ancestors 'none'"
-    ),
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cache-Control": "no-store",
-}
-
-
-async def body_of(request: Request, most: int) -> bytes:
-    """Body of a request, with a limited size that does not depend on its header.
-
-    Raises
-    ------
-    InvalidParameter
-        The body is larger.
-    """
-    parts, size = [], 0
-    length = request.headers.get("content-length", "0")
-    if length.isdigit() and int(length) > most:
-        raise InvalidParameter(f"got {int(length)} bytes, expected at most {most}")
-    async for part in request.stream():
-        size += len(part)
-        if size > most:
-            raise InvalidParameter(f"got more than {most} bytes, expected at most that")
-        parts.append(part)
-    return b"".join(parts)
-
-
 # --- pages ---------------------------------------------------------------------------------------
 
 
@@ -360,19 +279,6 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
         except (ValueError, RecursionError) as error:
             raise InvalidParameter(str(error)) from None
 
-    def guarded(work: Callable[[Request], Awaitable[Response]]) -> Callable[[Request], Any]:
-        async def wrapped(request: Request) -> Response:
-            try:
-                return await work(request)
-            except Error as error:
-                return answer(str(error), 422)
-            except ClientDisconnect:  # nobody hears the answer
-                return answer("the request was given up", 499)
-            except Exception as error:
-                return answer(fault_of(error), 500)
-
-        return wrapped
-
     async def in_thread(work: Callable[[], Any]) -> Any:
         return await asyncio.get_running_loop().run_in_executor(studio.pool, work)
 
@@ -424,11 +330,11 @@ def make_app(studio: Studio, token: str, hosts: tuple[str, ...]) -> ASGIApp:
     routes = [
         Route(f"/{token}/", page),
         Route(f"/{token}/assets/{{name}}", asset),
-        Route(f"/{token}/sound", guarded(sound), methods=["POST"]),
-        Route(f"/{token}/toml", guarded(toml), methods=["POST"]),
-        Route(f"/{token}/stroke", guarded(stroke), methods=["POST"]),
-        Route(f"/{token}/records", guarded(upload), methods=["POST"]),
-        Route(f"/{token}/records/{{file}}", guarded(remove), methods=["DELETE"]),
+        Route(f"/{token}/sound", guarded(sound, "feltmb live"), methods=["POST"]),
+        Route(f"/{token}/toml", guarded(toml, "feltmb live"), methods=["POST"]),
+        Route(f"/{token}/stroke", guarded(stroke, "feltmb live"), methods=["POST"]),
+        Route(f"/{token}/records", guarded(upload, "feltmb live"), methods=["POST"]),
+        Route(f"/{token}/records/{{file}}", guarded(remove, "feltmb live"), methods=["DELETE"]),
         WebSocketRoute(f"/{token}/socket", socket),
     ]
     return Guard(Starlette(routes=routes, lifespan=lifespan), token, hosts)

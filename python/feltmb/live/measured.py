@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import itertools
 import math
-import re
-import time
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from dataclasses import replace
+from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from feltmb.action.customer import finding
@@ -24,25 +18,20 @@ from feltmb.graphics.viewer.packing import pack_columns, pack_times
 from feltmb.live.knobs import Bench
 from feltmb.live.proposals import Abandoned, propose
 from feltmb.live.states import Turned, fault_of
-from unmodeled import Options, Progress, Report, Stop, check, diagnose
+from unmodeled import Options, Report, Stop, check, diagnose
 from unmodeled.data import ReadOptions, Record
-from unmodeled.data.columns import MEASURED_FILES, read_columns
 from unmodeled.data.files import read_each
 from unmodeled.data.mapping import Signals
-from unmodeled.data.series import Columns
-from unmodeled.errors import Error, InvalidParameter
+from unmodeled.errors import InvalidParameter
 from unmodeled.experiment import Belief
 from unmodeled.fit import Effect
+from unmodeled.page.showing import drawn, rows, teller
+from unmodeled.page.uploads import MOST_FILES, Uploads
 from unmodeled.report.words import clause, percent
 from unmodeled.search.result import Change
-from unmodeled.style import reader_unit
 
-#: Largest number of uploaded files; the oldest one is removed.
-MOST_FILES = 12
-#: Largest number of numbers of the uploaded files, which are kept in memory.
-MOST_KEPT = 60_000_000
-#: Number of samples of a curve, number of drawn records, interval of progress messages [s].
-MOST_SAMPLES, MOST_RECORDS, PROGRESS_EVERY = 1500, 6, 0.3
+#: Number of samples of a curve, number of drawn records.
+MOST_SAMPLES, MOST_RECORDS = 1500, 6
 #: Number of listed parameters and of listed candidates; smallest probability of a candidate [1].
 MOST_ROWS, LEAST = 8, 0.01
 
@@ -72,105 +61,6 @@ class _Asked(BaseModel):
     reading: _Reading = _Reading()
     turned: Turned = Turned()
     seconds: Annotated[float, Field(gt=0, le=7200)] = 300.0
-
-
-class _Upload(NamedTuple):
-    name: str
-    path: Path
-    columns: Columns
-    data: bytes
-    """Digest of the file."""
-
-
-@dataclass
-class Uploads:
-    """Uploaded files, in a separate folder with names of the server, and their columns."""
-
-    folder: Path
-    _files: dict[str, _Upload] = field(default_factory=dict)
-    _sheets: dict[str, bytes] = field(default_factory=dict)
-    _numbers: Any = field(default_factory=lambda: itertools.count(1))
-
-    def add(self, name: str, data: bytes) -> dict[str, Any]:
-        """Store a file and return its columns; a file that is there already is not stored again.
-
-        A TOML file describes the file of the same name, whichever comes first.
-
-        Raises
-        ------
-        InvalidParameter
-            The file has an unsupported format.
-        DataError
-            The file cannot be read.
-        """
-        plain_name = re.sub(r"[^\w .+-]", "_", Path(name.replace("\\", "/")).name)[-80:] or "record"
-        kind, stem = Path(plain_name).suffix.lower(), Path(plain_name).stem
-        if kind == ".toml":
-            self._sheets[stem] = data
-            while len(self._sheets) > MOST_FILES:
-                del self._sheets[next(iter(self._sheets))]
-            described = [f.path for f in self._files.values() if f.path.stem == stem]
-            for path in described:
-                path.with_suffix(".toml").write_bytes(data)
-            return {"describes": [path.name for path in described]}
-        if kind not in MEASURED_FILES:
-            raise InvalidParameter(
-                f"{plain_name}: expected a file {', '.join(MEASURED_FILES)}, or its .toml"
-            )
-        digest = hashlib.sha256(data).digest()
-        for known, found in self._files.items():
-            if (found.name, found.data) == (plain_name, digest):
-                return self._entry(known)
-        key = f"r{next(self._numbers)}"
-        (self.folder / key).mkdir()
-        path = self.folder / key / plain_name
-        path.write_bytes(data)
-        if stem in self._sheets:
-            path.with_suffix(".toml").write_bytes(self._sheets[stem])
-        try:
-            columns = read_columns(path)
-        except Error as error:
-            path.unlink()
-            raise type(error)(str(error).replace(str(path), plain_name)) from None
-        room = MOST_KEPT - _size(columns)
-        while self._files and (
-            len(self._files) >= MOST_FILES
-            or sum(_size(f.columns) for f in self._files.values()) > room
-        ):
-            self.remove(next(iter(self._files)))
-        self._files[key] = _Upload(plain_name, path, columns, digest)
-        return self._entry(key)
-
-    def _entry(self, key: str) -> dict[str, Any]:
-        name, columns = self._files[key].name, self._files[key].columns
-        heads = [[c, columns.units.get(c, "")] for c in columns.values]
-        return {"file": key, "name": name, "columns": heads}
-
-    def remove(self, key: str) -> None:
-        """Remove a file."""
-        if (found := self._files.pop(key, None)) is not None:
-            found.path.unlink(missing_ok=True)
-
-    def listing(self) -> list[dict[str, Any]]:
-        """Files with their columns."""
-        return [self._entry(key) for key in self._files]
-
-    def kept(self, keys: list[str]) -> dict[Path, Columns]:
-        """Paths and columns of files by key."""
-        files = dict(self._files)  # another thread may add one
-        missing = [k for k in keys if k not in files]
-        if missing or not keys:
-            raise InvalidParameter(
-                f"file {missing[0]!r} is not here any more; drop it again"
-                if missing
-                else "drop a measured file first"
-            )
-        return {files[k].path: files[k].columns for k in keys}
-
-
-def _size(columns: Columns) -> int:
-    """Number of numbers and texts."""
-    return sum(v.size for v in columns.values.values()) + sum(map(len, columns.texts.values()))
 
 
 class Measured:
@@ -235,11 +125,7 @@ class Measured:
 
     def _fault(self, error: Exception) -> dict[str, Any]:
         """Message of an error for the page."""
-        return {"fault": self._named(fault_of(error))}
-
-    def _named(self, text: str) -> str:
-        """A message without the folder of the files."""
-        return re.sub(re.escape(str(self._uploads.folder)) + r"/r\d+/", "", text)
+        return {"fault": self._uploads.named(fault_of(error))}
 
     def _records(self, asked: _Asked, model: Any) -> tuple[Record, ...]:
         signals = Signals(
@@ -256,52 +142,29 @@ class Measured:
     def _overlay(self, asked: _Asked, bench: Bench) -> dict[str, Any]:
         model, _ = mechanism_model(asked.turned.action(bench))
         found = check(model, self._records(asked, model))
-        records = []
-        for record in found.records[:MOST_RECORDS]:
-            simulated = found.simulated[record.name]
-            stride = max(1, record.samples // MOST_SAMPLES)
-            channels = []
-            for name in record.outputs:
-                if name not in simulated:
-                    continue
-                factor, unit = reader_unit(record.sensors[name].unit)
-                both = factor * np.column_stack([record.outputs[name], simulated[name]])[::stride]
-                channels.append({"name": name, "unit": unit, "values": pack_columns(both)})
-            records.append(
-                {
-                    "name": record.name,
-                    "time": pack_times(1e3 * record.time[::stride]),
-                    "channels": channels,
-                }
-            )
-        rows = [
+        records = [
             {
-                "record": r.record,
-                "channel": r.channel,
-                "unit": reader_unit(r.unit)[1],
-                "rms": reader_unit(r.unit)[0] * r.rms,
-                "noise": r.in_noise if math.isfinite(r.in_noise) else None,
+                "name": r.name,
+                "time": pack_times(1e3 * r.time),
+                "channels": [
+                    {"name": c.name, "unit": c.unit, "values": pack_columns(c.both)}
+                    for c in r.channels
+                ],
             }
-            for r in found.rows
+            for r in drawn(found, MOST_SAMPLES, MOST_RECORDS)
         ]
-        notes = [self._named(n) for n in found.notes]
-        return {"records": records, "rows": rows, "notes": list(dict.fromkeys(notes))[:12]}
+        notes = [self._uploads.named(n) for n in found.notes]
+        return {"records": records, "rows": rows(found), "notes": list(dict.fromkeys(notes))[:12]}
 
     async def _diagnose(self, asked: _Asked) -> None:
         loop = asyncio.get_running_loop()
         bench = self._bench()
-        last = [0.0]
 
-        def show_progress(p: Progress) -> None:
-            if self._stop:
-                raise Stop
-            now = time.monotonic()
-            if now - last[0] < PROGRESS_EVERY:
-                return
-            last[0] = now
-            left = p.left if math.isfinite(p.left) else None
-            message = {"on": "diagnosing", "stage": p.stage, "share": p.share, "left": left}
+        def post(state: dict[str, Any]) -> None:
+            message = {"on": "diagnosing", **state}
             loop.call_soon_threadsafe(self._post, "diagnosing", message)
+
+        show_progress = teller(post, lambda: self._stop)
 
         def work() -> dict[str, Any]:
             model, effects = mechanism_model(asked.turned.action(bench))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Mapping
 from functools import cache
@@ -22,9 +21,8 @@ from feltmb.run.stroke import (
     sequence,
     table_stroke,
 )
-from unmodeled.errors import Error, InvalidParameter, printable, shortened
-
-_LOG = logging.getLogger(__name__)
+from unmodeled.errors import InvalidParameter, shortened
+from unmodeled.page import guard
 
 #: Largest numbers of knots of a drawn stroke, of changed controls, and of shown outputs.
 MOST_KNOTS, MOST_TURNED, MOST_SHOWN = 400, 500, 24
@@ -44,11 +42,7 @@ def _packaged(name: str) -> Stroke:
 
 def fault_of(error: Exception) -> str:
     """Message of an error for the page; internal errors are written to the log."""
-    if isinstance(error, Error):
-        return str(error)
-    _LOG.error("feltmb live: unexpected error", exc_info=error)
-    text = printable(f"{type(error).__name__}: {error}")[:300]
-    return f"unexpected error, {text}; the terminal of feltmb live shows more"
+    return guard.fault_of(error, "feltmb live")
 
 
 class _Table(BaseModel):

@@ -4,10 +4,11 @@ import pytest
 
 import feltmb
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Uploads, diagnosis_message, knob_of, tint_of
+from feltmb.live.measured import diagnosis_message, knob_of, tint_of
 from feltmb.live.states import MOST_KNOTS, Asked, Playing
 from unmodeled import Effect, Report, Verdict
 from unmodeled.errors import InvalidParameter
+from unmodeled.page.uploads import Uploads
 from unmodeled.search.result import (
     Channel,
     NamedCause,
@@ -170,7 +171,7 @@ def test_every_way_to_play_is_a_stroke(kind):
 
 
 def test_uploads_keep_a_few_files_under_names_of_its_own(tmp_path):
-    from feltmb.live.measured import MOST_FILES
+    from unmodeled.page.uploads import MOST_FILES
 
     uploads = Uploads(tmp_path)
     for k in range(MOST_FILES + 3):

@@ -28,7 +28,7 @@ from feltmb import Action
 from feltmb.action.touch import static_touch
 from feltmb.adapters.changes import Change
 from feltmb.live.knobs import Bench
-from feltmb.live.measured import Measured, Uploads
+from feltmb.live.measured import Measured
 from feltmb.live.pictures import FRAMES, listed_outputs
 from feltmb.live.proposals import STROKES
 from feltmb.live.request_queue import RequestQueue, simulated
@@ -36,6 +36,7 @@ from feltmb.live.states import Playing
 from feltmb.run.sound import sampled, wav
 from unmodeled import Progress, Stop
 from unmodeled.errors import InvalidParameter
+from unmodeled.page.uploads import Uploads
 
 TURNED = {"knobs": {"screw.let-off": 4e-4, "felt.06": 0.2}, "numbers": {"string.tension": 640.0}}
 
@@ -276,7 +277,9 @@ def test_what_cannot_be_turned_is_a_fault_that_names_it(live, client, turned):
 
 
 def test_messages_and_uploads_have_a_limit(live, client):
-    from feltmb.live.app import MOST_BODY, MOST_MESSAGE, MOST_UPLOAD
+    from feltmb.live.app import MOST_BODY
+    from unmodeled.page.guard import MOST_UPLOAD
+    from unmodeled.page.server import MOST_MESSAGE
 
     with client(live) as page:
         page.socket.send('{"do": "' + "x" * MOST_MESSAGE + '"}')
@@ -498,7 +501,7 @@ def test_large_arrays_go_back_to_the_system_though_larger_ones_were_freed():
     """Else those of whole runs lie in heaps that grow: from 145 to 196 MB in 13 minutes."""
     code = (
         "import ctypes\n"
-        "from feltmb.live.server import give_back_large_arrays\n"
+        "from unmodeled.page.server import give_back_large_arrays\n"
         "class Info(ctypes.Structure):\n"
         "    _fields_ = [(f'n{i}', ctypes.c_size_t) for i in range(10)]\n"
         "libc = ctypes.CDLL(None)\n"

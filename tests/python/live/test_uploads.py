@@ -5,7 +5,7 @@ import pytest
 
 def test_uploaded_columns_are_read_once(tmp_path):
     pytest.importorskip("starlette", reason="extra live is not installed")
-    from feltmb.live.measured import Uploads
+    from unmodeled.page.uploads import Uploads
 
     uploads = Uploads(tmp_path)
     key = uploads.add("a.csv", b"time [s],q [mm]\n0,0\n1,1\n2,2\n")["file"]

@@ -15,6 +15,7 @@ COMMANDS = {
     "why": ("unmodeled.cli.why:why", "Why a candidate is in the answer, or not."),
     "verify": ("unmodeled.cli.verify:verify", "Repeat a diagnosis, and compare the answers."),
     "blind": ("unmodeled.cli.diagnose:blind", "Test the diagnosis on simulated machines."),
+    "page": ("unmodeled.page.serve:command", "Model, records and diagnosis in a browser."),
     "join": ("unmodeled.cli.records:join", "Join two files with two clocks to one record."),
     "new": ("unmodeled.cli.records:new", "Write the TOML file that describes a measured file."),
 }
