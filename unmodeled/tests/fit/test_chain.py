@@ -47,6 +47,19 @@ def record(**sensor):
     )
 
 
+def test_a_gain_that_settles_is_a_candidate_of_inputs_only():
+    signal = np.sin(np.linspace(0.0, 6.0, 50))
+    record = Record(
+        name="r",
+        time=np.linspace(0.0, 1.0, 50),
+        inputs={"u": signal},
+        outputs={"y": signal},
+        sensors={"y": Sensor(name="y", unit="m", sigma=1e-3)},
+    )
+    assert "gain fade of input u" in {e.name for e in library.for_input("u", record)}
+    assert not any("fade" in e.name for e in library.for_sensor(["y"], "y", record))
+
+
 def test_every_fault_is_tested_here():
     assert {*SIZES} == {*faults()}
 

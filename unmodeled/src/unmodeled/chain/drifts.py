@@ -42,14 +42,11 @@ class GainDrift(Fault):
 class GainFade(Fault):
     """reading(t) = (1 + size (1 - exp(-(t - t_0) / shape))) y: a gain that settles at another one.
 
-    The shape is its time constant.
+    The shape is its time constant. It is a candidate of inputs only: with a share and a time that
+    are free, the gain of a sensor imitates what acts on the machine, such as the drag of a fall.
     """
 
     name, place, stated, drive = "gain fade", 3.6, False, True
-    sensor = (
-        "The gain of the sensor settles at another value.",
-        "Let it warm up, or calibrate it after a while.",
-    )
     input = (
         "What arrives of the input settles at another share, as with a motor that warms up.",
         "Measure what acts on the machine, or model the warming.",
