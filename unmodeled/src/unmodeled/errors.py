@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import reprlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 __all__ = [
     "MOST_LETTERS",
@@ -134,6 +134,16 @@ def near_names(name: object, known: Iterable[str]) -> str:
 def shortened(text: str, most: int = 80) -> str:
     """Text for a message, shortened if it would fill the screen."""
     return text if len(text) <= most else text[: most - 3] + "..."
+
+
+def merged(notes: Sequence[str]) -> list[str]:
+    """Notes or faults ``subject: text``; those with one text are one about several subjects."""
+    same: dict[str, list[str]] = {}
+    for note in notes:
+        subject, colon, text = note.partition(": ")
+        same.setdefault(text if colon else note, []).extend([subject] * bool(colon))
+    named = {t: shortened(", ".join(dict.fromkeys(s)), 200) for t, s in same.items()}
+    return [f"{subjects}: {text}" if subjects else text for text, subjects in named.items()]
 
 
 def shown(value: object) -> str:

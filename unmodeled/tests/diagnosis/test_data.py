@@ -571,6 +571,16 @@ def test_without_a_sheet_the_header_says_the_units(tmp_path):
         read_record(tmp_path / "a.csv", outputs=("a",), modes=MODES, units={"a": "m", "force": "N"})
 
 
+def test_a_fault_of_several_files_is_told_once(tmp_path):
+    paths = [tmp_path / name for name in ("a.csv", "b.csv")]
+    for path in paths:
+        path.write_text("t,a\n0,1\n1,2\n2,3\n")
+    with pytest.raises(DataError) as error:
+        read_records(paths, outputs=("a",), units={"a": "m"})
+    assert str(error.value).startswith(f"{paths[0]}, {paths[1]}: 1 fault")
+    assert str(error.value).count("has no unit in the header") == 1
+
+
 def moving(name, seed):
     y = np.random.default_rng(seed).standard_normal(60)
     return Record(

@@ -367,6 +367,11 @@ def test_a_search_that_ended_early_does_not_say_that_no_cause_is_missing(report)
     assert "The rest, 11 times the noise, is less than what is good enough" in enough.summary()
     noise = tuple(replace(c, noise=c.explained) for c in bare.channels)
     assert "No cause is missing" in replace(bare, channels=noise).summary()
+    # Below twice the noise nothing is judged, whatever share of the motion it is.
+    near = tuple(replace(c, noise=c.explained / 1.6, good_enough=0.0) for c in bare.channels)
+    said = replace(bare, channels=near).summary()
+    assert said.startswith("No cause can be told from the noise: the model misses")
+    assert said.endswith("The rest, 1.6 times the noise, is too near to it to tell more.")
 
 
 def test_no_statistics_on_the_first_screen(report):

@@ -33,7 +33,7 @@ from unmodeled.cli.screen import (
     say_written,
     show,
 )
-from unmodeled.errors import InvalidParameter, shortened
+from unmodeled.errors import InvalidParameter, merged, shortened
 
 if TYPE_CHECKING:
     from unmodeled import Comparison
@@ -217,8 +217,6 @@ def _without_noise(comparison: Comparison) -> list[str]:
 
 def _print_notes(notes: Sequence[str]) -> None:
     """Print notes: first those that name an option; those with one text about several, as one."""
-    from unmodeled.report.words import merged
-
     for note in merged(sorted(notes, key=lambda text: "--" not in text)):
         say(f"Note: {note}")
 

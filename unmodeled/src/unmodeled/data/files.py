@@ -34,7 +34,7 @@ from unmodeled.data.robots import log_of_columns, records_of
 from unmodeled.data.series import Columns
 from unmodeled.data.sheet import ColumnSpec, OutputSpec, ReadOptions, Sheet
 from unmodeled.data.smoothing import start_of
-from unmodeled.errors import DataError, InvalidParameter, shortened, which_column
+from unmodeled.errors import DataError, InvalidParameter, merged, shortened, which_column
 from unmodeled.files import is_file, read_toml, why_missing
 from unmodeled.units import (
     PIXEL,
@@ -197,7 +197,7 @@ def read_each(
         except DataError as error:
             faults.append(str(error))
     if faults:
-        raise DataError("\n".join(faults))
+        raise DataError("\n".join(merged(faults)))
     if not groups:
         raise DataError("no measured files were given")
     return tuple(groups)

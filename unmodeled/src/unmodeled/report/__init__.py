@@ -18,7 +18,7 @@ import numpy as np
 
 from unmodeled.arguments import checked
 from unmodeled.data import Array, Record
-from unmodeled.errors import InvalidParameter
+from unmodeled.errors import InvalidParameter, merged
 from unmodeled.files import make_folder, whole_folder, write_text
 from unmodeled.models.matching import matched
 from unmodeled.models.model import Candidate, Effect, Model
@@ -41,7 +41,6 @@ from unmodeled.report.words import (
     clause,
     interval,
     joined,
-    merged,
     number,
     part,
     percent,
@@ -58,6 +57,7 @@ from unmodeled.search.records import same_number
 from unmodeled.search.result import (
     Cell,
     Change,
+    Channel,
     Finding,
     NamedCause,
     Place,
@@ -156,7 +156,10 @@ def _statement(result: Result) -> str:
     elif result.complete:
         quiet = not last and all(c.explained <= NOISE * c.noise for c in result.channels
                                  if c.noise > 0.0)  # fmt: skip
-        first = f"No cause {'' if quiet else 'that matters '}is missing: {misses}."
+        if not quiet and any(_near_noise(c) for c in result.channels):
+            first = f"No cause can be told from the noise: {misses}."
+        else:
+            first = f"No cause {'' if quiet else 'that matters '}is missing: {misses}."
     else:
         first = f"No cause was found before the search ended: {misses}."
     first += last
@@ -265,12 +268,20 @@ def _seconds(result: Result) -> str:
     return f"{float(f'{result.needed:.2g}'):g} s"
 
 
+def _near_noise(c: Channel) -> bool:
+    """Whether what remains is not judged because of the noise, although it may matter."""
+    return c.good_enough < c.explained <= c.limit and c.explained > NOISE * c.noise
+
+
 def _remains(result: Result) -> str:
     material = [c for c in result.channels if c.material]
     if not material:
         c = result.worst
         if c.explained <= NOISE * c.noise:
             return "Nothing but the noise of the sensor remains."
+        if _near_noise(c):
+            which = " (estimated, as none is stated)" * (Reason.NOISE_NOT_STATED in result.reasons)
+            return f"The rest, {times_noise(c)}{which}, is too near to it to tell more."
         rest, enough = times_noise(c) or part(c, c.explained), part(c, c.limit)
         enough = "" if enough == rest else f" ({enough})"
         return f"The rest, {rest}, is less than what is good enough{enough}."

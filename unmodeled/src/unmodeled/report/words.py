@@ -98,16 +98,6 @@ def joined(words: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join([*filter(None, [", ".join(words[:-1])]), *words[-1:]])
 
 
-def merged(notes: Sequence[str]) -> list[str]:
-    """Notes ``subject: text``; those with one text are one note about several subjects."""
-    same: dict[str, list[str]] = {}
-    for note in notes:
-        subject, colon, text = note.partition(": ")
-        same.setdefault(text if colon else note, []).extend([subject] * bool(colon))
-    named = {t: shortened(", ".join(dict.fromkeys(s)), 200) for t, s in same.items()}
-    return [f"{subjects}: {text}" if subjects else text for text, subjects in named.items()]
-
-
 # ---------------------------------------------------------------- changes
 
 

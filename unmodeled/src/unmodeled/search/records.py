@@ -17,7 +17,7 @@ from unmodeled.data.records import UNNAMED
 from unmodeled.data.smoothing import noise_of_samples
 from unmodeled.data.thinning import thinned
 from unmodeled.data.wrapping import wrap_of
-from unmodeled.errors import DataError, InvalidParameter, near_names
+from unmodeled.errors import DataError, InvalidParameter, merged, near_names
 from unmodeled.fit.noise import Noise, noise_of, rounding_error
 from unmodeled.library import clock_rate
 from unmodeled.models.matching import matched
@@ -504,7 +504,7 @@ def check_records(records: Sequence[Record], model: Model | None = None) -> list
         for fault, text in _of_record(r, r.outputs if model is None else model.outputs):
             (faults if fault else notes).append(text)
     if faults:
-        raise DataError("records: " + "; ".join(faults))
+        raise DataError("records: " + "; ".join(merged(faults)))
     return notes if model is None else [*notes, *_not_compared(records, model.outputs)]
 
 
