@@ -14,6 +14,7 @@ tempered likelihood with Laplace's approximation. With a right model and white n
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -26,6 +27,9 @@ from unmodeled.search.problem import RELEASED, Members, Observed, Problem
 
 #: Degrees of freedom of the Student t prior of magnitudes.
 DEGREES = 4.0
+#: Degrees of freedom of the prior of the sizes that a cause has by record, and its scale in the
+#: expected size [1]: how much records differ is known to two orders of magnitude.
+OWN_DEGREES, OWN_SCALE = 1.0, 0.1
 #: Share of what chance allows that counts as discrepancy: the records cannot exclude it [1].
 CHANCE = 0.1
 
@@ -211,8 +215,7 @@ def local_penalty(
 ) -> float:
     """Penalty of the unknowns of all records.
 
-    That of a cause is a Student t of all its values together: as for other causes, its size is
-    known to an order of magnitude.
+    That of a cause is a Student t of all its values together (:func:`penalty_of_records`).
     """
     total = float(
         sum(
@@ -221,8 +224,29 @@ def local_penalty(
         )
     )
     for squares, count in _causes_of_records(problem, records, members, point).values():
-        total += (DEGREES + count) * float(np.log1p(squares / DEGREES)) - squares
+        total += penalty_of_records(squares, count) - squares
     return total
+
+
+def penalty_of_records(squares: float, count: int) -> float:
+    """-2 log density of the sizes that a cause has by record, relative to a normal prior at 0.
+
+    They have a common variance that is not known. With its prior, they are a Student t together:
+    the first record tells how large they are, and the others cost less than if each were unknown.
+
+    Parameters
+    ----------
+    squares
+        Sum of the squares of the sizes, in the expected one.
+    count
+        Their number.
+    """
+    from scipy.special import gammaln
+
+    half = 0.5 * (OWN_DEGREES + count)
+    constant = gammaln(half) - gammaln(0.5 * OWN_DEGREES) - count * math.log(OWN_SCALE)
+    constant += 0.5 * count * math.log(2.0 / OWN_DEGREES)
+    return float(2.0 * half * math.log1p(squares / (OWN_DEGREES * OWN_SCALE**2)) - 2.0 * constant)
 
 
 def _causes_of_records(
@@ -244,9 +268,15 @@ def _causes_of_records(
 def _softer(
     problem: Problem, records: Sequence[Observed], members: Members, point: Point
 ) -> dict[tuple[str, int], float]:
-    """Factors of the weights of the causes of records: half the gradient of their penalty."""
+    """Factors of the weights of the causes of records: half the gradient of their penalty.
+
+    Where a fit begins, all of them are zero, and their variance is not known.
+    """
     found = _causes_of_records(problem, records, members, point)
-    return {key: (DEGREES + n) / (DEGREES + squares) for key, (squares, n) in found.items()}
+    return {
+        key: (OWN_DEGREES + n) / (OWN_DEGREES * OWN_SCALE**2 + squares) if squares else 1.0
+        for key, (squares, n) in found.items()
+    }
 
 
 def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
@@ -255,8 +285,8 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     A set leaves noise, and a discrepancy that no cause of the list has. The noise is random, and
     counts the effective share of its samples. The discrepancy is not: another record of the same
     motion repeats it, and one law that is wrong moves many channels. It counts as D samples of all
-    channels (``problem.discrepancy_samples``, and one for each start that is not known, which takes
-    up one), however long the records and however many the channels are, so that small differences
+    channels (``problem.discrepancy_samples``, and one for each start that is not known and each
+    size that a cause has in one record, which take up one), however long the records and however many the channels are, so that small differences
     between models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson,
     Journal of the American Statistical Association 114, 2019, 1113). The variances of an estimate
     by both add, so that the effective number N of samples of a channel is
@@ -271,7 +301,7 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     share = max(one.effective, other.effective)
     samples = np.maximum(problem.samples, 1.0)
     square = np.minimum(one.noise, other.noise) ** 2
-    discrepancy_samples = problem.discrepancy_samples_with_starts
+    discrepancy_samples = max(problem.discrepancy_samples_of(s.members) for s in (one, other))
     return (
         square * precision(square, 1.0 / (share * samples), discrepancy_samples, CHANCE) / samples
     )
@@ -337,9 +367,8 @@ def _log_evidence(problem: Problem, fitted: Fitted, weight: Array) -> float:
     occam = own.log_det + float(np.linalg.slogdet(hessian)[1])
     occam -= float(np.log(prior.weight[known]).sum())
     penalty = prior.penalty(x) + local_penalty(problem, problem.fit, members, point)
-    odds = sum(problem.causes[m.cause].log_odds for m in members)
     return float(
-        odds
+        problem.log_odds_of([m.cause for m in members])
         - weight @ left
         - 0.5 * penalty
         - 0.5 * occam

@@ -229,11 +229,6 @@ class Problem:
     """Parameters that keep their tabulated values, as indices of the free ones."""
 
     @cached_property
-    def discrepancy_samples_with_starts(self) -> float:
-        """``discrepancy_samples``, and one sample for each start state that is not known [1]."""
-        return self.discrepancy_samples + sum(q.unknown for o in self.fit for q in o.local)
-
-    @cached_property
     def locals_known(
         self,
     ) -> dict[tuple[tuple[int, ...], int], tuple[Observed, tuple[Local, ...]]]:
@@ -335,6 +330,14 @@ class Problem:
         """The unknowns of each record that a set adds."""
         return tuple(q for m in members if (q := self.causes[m.cause].local) is not None)
 
+    def discrepancy_samples_of(self, members: Members) -> float:
+        """``discrepancy_samples``, and one sample for each unknown that takes up one [1].
+
+        They are the start states that are not known, and what a set has by record.
+        """
+        starts = sum(q.unknown for o in self.fit for q in o.local)
+        return self.discrepancy_samples + starts + len(self.locals_of(members)) * len(self.fit)
+
     @cached_property
     def scopes(self) -> dict[tuple[float, ...], dict[int, int]]:
         """Causes of some records: by shares and by the law of all records; (): each its own."""
@@ -343,6 +346,16 @@ class Problem:
             if c.family >= 0:
                 found.setdefault(c.shares, {})[c.family] = i
         return found
+
+    def log_odds_of(self, causes: Iterable[int]) -> float:
+        """Log prior odds of a set. What makes records differ happens once: a scope costs once."""
+        total, known = 0.0, set()
+        for cause in (self.causes[i] for i in causes):
+            scope = cause.shares, cause.local is None
+            free = cause.family >= 0 and scope in known
+            total += self.causes[cause.family].log_odds if free else cause.log_odds
+            known.add(scope)
+        return total
 
     def families_of(self, causes: Iterable[int]) -> set[int]:
         """The laws of causes, whatever their scopes."""

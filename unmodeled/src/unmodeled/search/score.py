@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+import math
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -10,7 +11,15 @@ import numpy as np
 
 from unmodeled.chain import fault_of
 from unmodeled.data import Array
-from unmodeled.search.evidence import DEGREES, Fitted, prior_of, system, weights
+from unmodeled.search.evidence import (
+    DEGREES,
+    Fitted,
+    NormalEquations,
+    penalty_of_records,
+    prior_of,
+    system,
+    weights,
+)
 from unmodeled.search.linear import EvaluationRequest, Linear, Point, evaluate
 from unmodeled.search.problem import RELEASED, Member, Members, Problem
 
@@ -364,11 +373,13 @@ def _in_some_records(
     _, right, weight = found.normal
     down = found.inverse @ (right - weight * fitted.point.x)
     best: dict[int, tuple[float, Score]] = {}
-    left = [0.5 * float(((x.residual / fitted.noise) ** 2).sum()) for x in fitted.linears]
+    left = _halves(fitted)
 
-    def keep(row: _Row, i: int, value: float, acts: Sequence[float], step: float) -> None:
+    def keep(
+        row: _Row, i: int, value: float, acts: Sequence[float], step: float, taken: float
+    ) -> None:
         """Keep a scope of a law if it is the best one."""
-        if value < sum(v for v, on in zip(left, acts, strict=True) if on) / 3.0:
+        if taken < float(left[np.array(acts) != 0.0].sum()) / 3.0:
             return
         value += problem.causes[i].log_odds - problem.causes[row.law].log_odds
         rival = everywhere[row.law].gain if row.law in everywhere else 0.0
@@ -395,27 +406,99 @@ def _in_some_records(
             i, step = causes[row.law], float(b / a)
             low, high = problem.causes[i].bounds
             if np.isfinite(step) and low <= step <= high:
-                keep(row, i, 0.5 * float(b * b / a), acts, float(np.clip(step, -MOST, MOST)))
+                taken = 0.5 * float(b * b / a)
+                keep(row, i, taken, acts, float(np.clip(step, -MOST, MOST)), taken)
     each = {} if known else problem.scopes.get((), {})
     for k, row in enumerate(rows):
         if row.law in each and row.law not in inside:
-            gain, further, own = (np.array([part[j][k] for part in parts]) for j in range(3))
-            value = _each_its_own(gain, further, own, down, found.inverse)
-            keep(row, each[row.law], value, [1.0] * len(parts), 0.0)
+            own_parts = [(g[k : k + 1], f[k : k + 1], o[k].reshape(1, 1)) for g, f, o in parts]
+            total = float(left.sum())
+            taken, value = _each_its_own(own_parts, total, down, found.inverse)
+            keep(row, each[row.law], value, [1.0] * len(parts), 0.0, taken)
     return {s.cause: s for _, s in best.values()}
 
 
-def _each_its_own(gain: Array, further: Array, own: Array, down: Array, inverse: Array) -> float:
-    """Gain of a law with a size of its own in each record: log evidence, with its prior.
+def _each_its_own(
+    parts: Sequence[tuple[Array, Array, Array]], total: float, down: Array, inverse: Array
+) -> tuple[float, float]:
+    """Laws with sizes of their own in each record.
 
-    ``gain``, ``own``: (records,); ``further``: products with the unknowns of the set, (records, g).
+    Parameters
+    ----------
+    parts
+        By record: products with the residual, (k,), with the unknowns of the set, (k, g), and of
+        the laws with each other, (k, k).
+    total
+        Half of the squares of the residual.
+    down, inverse
+        Step and inverse of the normal equations of the set.
+
+    Returns
+    -------
+    tuple
+        Halves of the squares that they take away, and the gain of one size for all records with
+        the same log evidence. The noise is what is left, so that many sizes cost less where they
+        leave little of it. Both are 0 if the laws have no such sizes.
     """
-    square = np.diag(own + 1.0) - further @ inverse @ further.T
+    gain, further = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+    square = np.eye(gain.size) - further @ inverse @ further.T
+    size = len(parts[0][0])
+    for r, (*_, own) in enumerate(parts):
+        at = slice(r * size, (r + 1) * size)
+        square[at, at] += own
     slope = gain - further @ down
     sign, log_det = np.linalg.slogdet(square)
     if not (sign > 0.0 and np.isfinite(log_det)):
-        return 0.0
-    return float(0.5 * (slope @ np.linalg.solve(square, slope) - log_det))
+        return 0.0, 0.0
+    sizes = np.linalg.solve(square, slope)
+    taken = 0.5 * float(slope @ sizes)
+    if not 0.0 < taken < total:
+        return 0.0, 0.0
+    by_law = (sizes.reshape(len(parts), -1) ** 2).sum(axis=0)
+    cost = 0.5 * (float(log_det) + sum(penalty_of_records(s, len(parts)) for s in by_law))
+    return taken, total - (total - taken) * math.exp(cost / total)
+
+
+def parameters_by_record(
+    problem: Problem, fitted: Fitted, seen: Directions, most: int
+) -> tuple[Score, ...]:
+    """Parameters with values of their own in each record, together: records of other specimens.
+
+    ``most``: number of those that take most by themselves. (): they gain nothing together, or
+    there are less than two.
+    """
+    each = problem.scopes.get((), {})
+    laws = [
+        i
+        for i, cause in enumerate(problem.causes)
+        if cause.parameter is not None and i in each and {i, each[i]}.isdisjoint(fitted.causes)
+    ]
+    if min(len(laws), most) < 2:
+        return ()
+    found = _products(problem, fitted, seen)
+    rows = [row for row in _rows(problem, seen) if row.ratio and row.law in laws]
+    free, ratio = np.array([r.place for r in rows]), np.array([r.ratio for r in rows])
+    _, right, weight = found.normal
+    down, total = found.inverse @ (right - weight * fitted.point.x), float(_halves(fitted).sum())
+    parts = []
+    for own in _systems(problem, fitted, found):
+        squares = own.matrix[np.ix_(free, free)] * np.outer(ratio, ratio)
+        parts.append((ratio * own.right[free], ratio[:, None] * own.matrix[free], squares))
+
+    def gain(some: Sequence[int]) -> float:
+        of = [(g[[*some]], f[[*some]], o[np.ix_(some, some)]) for g, f, o in parts]
+        return _each_its_own(of, total, down, found.inverse)[1]
+
+    some = sorted(range(len(rows)), key=lambda k: -gain([k]))[:most]
+    members, value = [each[rows[k].law] for k in some], gain(some)
+    if value + problem.log_odds_of(members) <= 0.0:
+        return ()
+    return tuple(Score(i, None, value, 0.0) for i in members)
+
+
+def _halves(fitted: Fitted) -> Array:
+    """Half of the squares of the residuals, in units of the noise that is left, by record."""
+    return np.array([0.5 * ((x.residual / fitted.noise) ** 2).sum() for x in fitted.linears])
 
 
 @dataclass(frozen=True)
@@ -454,9 +537,7 @@ def _by_part(
     free = np.array([row.place for row in rows if row.ratio], dtype=int)
     ratio = np.array([row.ratio for row in rows if row.ratio])
     out = []
-    for o, local, linear in zip(problem.fit, fitted.point.local, found.linears, strict=True):
-        point = Point(fitted.point.x, (local,))
-        own = system(problem, (o,), fitted.members, point, (linear,), fitted.noise, 1.0)
+    for own in _systems(problem, fitted, found):
         out.append(
             (
                 np.concatenate([own.gain, ratio * own.right[free]]),
@@ -465,6 +546,13 @@ def _by_part(
             )
         )
     return out
+
+
+def _systems(problem: Problem, fitted: Fitted, found: _Products) -> Iterator[NormalEquations]:
+    """Normal equations of each record, all samples counted."""
+    for o, local, linear in zip(problem.fit, fitted.point.local, found.linears, strict=True):
+        point = Point(fitted.point.x, (local,))
+        yield system(problem, (o,), fitted.members, point, (linear,), fitted.noise, 1.0)
 
 
 def _gain(matrix: Array, right: Array, weight: Array, x: Array) -> float:

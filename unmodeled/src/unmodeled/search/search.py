@@ -48,6 +48,7 @@ from unmodeled.search.score import (
     index_of,
     nearly_alike,
     pairs,
+    parameters_by_record,
     scores,
 )
 from unmodeled.search.steps import RADIUS
@@ -511,7 +512,7 @@ class _Climb:
         return self._scored[fitted.serial]
 
     def _tried(self, fitted: Fitted) -> list[Job]:
-        """Single causes and pairs that a set may lack."""
+        """Single causes, pairs, and parameters of each record that a set may lack."""
         ranked, seen = self._scores(fitted)
         if fitted.effective > NEARLY:  # of noise, a cause takes away what it does to first order
             causes = self.problem.causes
@@ -521,6 +522,9 @@ class _Climb:
         ]
         if self.options.max_effects - len(fitted.members) > 1:
             added += pairs(self.problem, fitted, seen, ranked)[: self.options.tries]
+            most = self.options.max_effects - len(fitted.members)
+            if together := parameters_by_record(self.problem, fitted, seen, most):
+                added.append(together)
         return [(_with(fitted, *some), fitted, some) for some in added]
 
     def _sure(self, s: Fitted) -> bool:
