@@ -6,16 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.integrate import quad
+from scipy.stats import multivariate_normal, norm
 
 from unmodeled import LinearModel, Parameter
 from unmodeled.search.evidence import (
-    DEGREES,
+    OWN_SCALE,
     Prior,
     effective_share,
     local_penalty,
     log_evidence,
     misfit,
+    penalty_of_records,
     precision,
     system,
     weights,
@@ -147,8 +149,21 @@ def test_the_misfit_is_that_of_the_noise_that_is_left():
     assert left == pytest.approx([25.0, 50.0, 100.0 * np.log(2.0) + 50.0])
 
 
-def test_the_size_of_an_error_of_each_record_is_known_to_an_order_of_magnitude(spring):
-    """Its penalty is that of a Student t, and the normal equations have half of its gradient."""
+def test_sizes_by_record_have_a_common_variance_that_is_not_known():
+    """Against the integral over the standard deviation, which is OWN_SCALE over a normal number."""
+    for values in (np.array([0.3, -0.1, 0.2, 0.25]), np.full(12, 1.5), np.zeros(2)):
+
+        def weighted(z, values=values):
+            sd = OWN_SCALE / z
+            ratio = values.size * np.log(sd) + 0.5 * (values**2).sum() / sd**2
+            return 2.0 * norm.pdf(z) * np.exp(-ratio)
+
+        density = quad(weighted, 0.0, 40.0, points=(0.01, 0.1, 1.0), limit=500)[0]
+        found = penalty_of_records(float((values**2).sum()), values.size)
+        assert found == pytest.approx(-2.0 * np.log(density), rel=1e-5)
+
+
+def test_the_penalty_of_errors_of_each_record_has_its_slope_in_the_normal_equations(spring):
     records = [spring_record(f"r{k}", k, seed=k) for k in range(3)]
     problem = prepare(ready_records(spring, records), (), (), Options())
     (which,) = [i for i, c in enumerate(problem.causes) if c.name.startswith("offset of sensor")]
@@ -162,7 +177,7 @@ def test_the_size_of_an_error_of_each_record_is_known_to_an_order_of_magnitude(s
         return local_penalty(problem, problem.fit, members, at(x))
 
     n = values.size
-    assert penalty(values) == pytest.approx((DEGREES + n) * np.log1p(25.25 / DEGREES))
+    assert penalty(values) == pytest.approx(penalty_of_records(25.25, n))
     nothing = [
         replace(x, residual=0.0 * x.residual)
         for x in evaluate(problem, [EvaluationRequest(members, at(values), problem.fit)])[0]

@@ -7,7 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from unmodeled import Equations, InvalidParameter, Options, Record, Sensor, Verdict
+from unmodeled import (
+    Equations,
+    InvalidParameter,
+    Options,
+    Record,
+    Sensor,
+    State,
+    Verdict,
+    diagnose,
+)
 from unmodeled.cli import main
 from unmodeled.search.scopes import scopes_of, starts_of
 
@@ -190,6 +199,50 @@ def test_a_force_of_each_record_is_told_by_its_values():
     assert cause.cause == "constant force x in each record"
     fitted = dict(zip(report.records, cause.by_record, strict=True))
     assert fitted == pytest.approx({n: forces[int(n[3])] for n in fitted}, abs=0.05)
+
+
+def test_subjects_differ_in_two_rates_at_once():
+    """Twelve courses of a drug by mouth: each rate by itself takes little, both take it all."""
+    rng, time = (
+        np.random.default_rng(3),
+        np.array([0.0, 0.25, 0.5, 1, 1.5, 2, 3.5, 5, 7, 9, 12, 24]),
+    )
+    given, volume, records, rates = 4.6, 0.45, [], []
+    for k in range(12):
+        ka, ke = (
+            1.5 * np.exp(0.3 * rng.standard_normal()),
+            0.09 * np.exp(0.3 * rng.standard_normal()),
+        )
+        curve = given / volume * ka / (ka - ke) * (np.exp(-ke * time) - np.exp(-ka * time))
+        seen = curve + 0.2 * rng.standard_normal(time.size)
+        sensor = Sensor(name="level", unit="mg/L", sigma=0.2)
+        records.append(
+            Record(
+                name=f"subject {k}",
+                time=time,
+                inputs={},
+                outputs={"level": seen},
+                sensors={"level": sensor},
+            )
+        )
+        rates.append((ka, ke))
+    subject = Equations(
+        lambda t, x, u, p: (-p.ka * x.gut, p.ka * x.gut / volume - p.ke * x.level),
+        states=[
+            State(name="gut", unit="mg/kg", start=given),
+            State(name="level", unit="mg/L"),
+        ],
+        parameters={"ka": (1.5, 0.5, "1/s"), "ke": (0.09, 0.03, "1/s")},
+        outputs={"level": "level"},
+    )
+    report = diagnose(subject, None, records)
+    own = {c.cause: c for c in told(report)}
+    assert set(own) >= {"ka in each record", "ke in each record"}
+    for name, values in zip(("ka", "ke"), np.transpose(rates), strict=True):
+        (found,) = (c for n, c in own.items() if n == f"{name} in each record")
+        spread = np.std(found.by_record)
+        assert spread == pytest.approx(np.std(values), rel=0.15)
+    assert report.summary().endswith("Nothing but the noise of the sensor remains.")
 
 
 def test_a_gain_that_falls_over_the_records_is_told_by_that_of_the_last_one():

@@ -286,10 +286,11 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     counts the effective share of its samples. The discrepancy is not: another record of the same
     motion repeats it, and one law that is wrong moves many channels. It counts as D samples of all
     channels (``problem.discrepancy_samples``, and one for each start that is not known and each
-    size that a cause has in one record, which take up one), however long the records and however many the channels are, so that small differences
-    between models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson,
-    Journal of the American Statistical Association 114, 2019, 1113). The variances of an estimate
-    by both add, so that the effective number N of samples of a channel is
+    size that a cause has in one record, which take up one), however long the records and however
+    many the channels are, so that small differences between models that are both wrong decide
+    nothing (a coarsened likelihood: Miller and Dunson, Journal of the American Statistical
+    Association 114, 2019, 1113). The variances of an estimate by both add, so that the effective
+    number N of samples of a channel is
 
         f^2 / N = 1 / (q n) + m d^2 / D,    m = (sum d^2)^2 / sum d^4
 
