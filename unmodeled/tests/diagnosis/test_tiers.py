@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -196,6 +197,9 @@ def test_a_probable_cause_that_takes_away_less_than_what_matters_is_small(spring
     assert said.startswith("The parameter k is ")
     assert "he effect preload has a size of 0.0" in said
     assert "this is small" in said
+    as_before = replace(report.without[0], before=report.without[0].after)
+    taken_up = replace(report, without=(as_before, *report.without[1:]))
+    assert "as little is left without it" in taken_up.summary()
     found = four(spring, causes, preload=0.2)
     assert [n.cause for n in found.named] == ["preload"]
     assert [c.name for c in found.changes] == ["preload", "k"]

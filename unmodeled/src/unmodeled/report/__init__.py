@@ -209,8 +209,10 @@ def _last(result: Result) -> str:
     unsure = [c for c in result.changes if c.tier == "unsure"]
     text = ""
     if small:
-        text += f" {_capital(clause(small[0]))}: this is small"
-        text += f" ({percent(small[0].takes)} of the motion of {small[0].channel})."
+        size = percent(small[0].takes)
+        much = f"this is small ({size} of the motion of {small[0].channel})"
+        text += f" {_capital(clause(small[0]))}: "
+        text += f"{'as little is left without it' if size == '0 %' else much}."
     if unsure:
         so_far = "Best so far" if not result.complete else "Also fitted, and not sure"
         text += f" {so_far}: {joined([_without_may(c) for c in unsure[:HEADLINE]])}."
