@@ -131,7 +131,9 @@ def test_a_start_that_is_not_known_takes_up_one_sample():
     problem, _ = _fitted(95.0, 10.0, spring_record("fit", 2))
     known, unknown = (Local("start", 0, 0.0, 1.0, weight) for weight in (1.0, 1e-6))
     fit = (replace(problem.fit[0], local=(known, unknown, unknown)),)
-    assert replace(problem, fit=fit, discrepancy_samples=20.0).discrepancy_samples_of(()) == 22.0
+    assert (
+        replace(problem, fit=fit, discrepancy_samples=20.0).discrepancy_samples_with_starts == 22.0
+    )
 
 
 def test_a_discrepancy_that_the_records_cannot_exclude_counts():

@@ -285,12 +285,11 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     A set leaves noise, and a discrepancy that no cause of the list has. The noise is random, and
     counts the effective share of its samples. The discrepancy is not: another record of the same
     motion repeats it, and one law that is wrong moves many channels. It counts as D samples of all
-    channels (``problem.discrepancy_samples``, and one for each start that is not known and each
-    size that a cause has in one record, which take up one), however long the records and however
-    many the channels are, so that small differences between models that are both wrong decide
-    nothing (a coarsened likelihood: Miller and Dunson, Journal of the American Statistical
-    Association 114, 2019, 1113). The variances of an estimate by both add, so that the effective
-    number N of samples of a channel is
+    channels (``problem.discrepancy_samples``, and one for each start that is not known, which takes
+    up one), however long the records and however many the channels are, so that small differences
+    between models that are both wrong decide nothing (a coarsened likelihood: Miller and Dunson,
+    Journal of the American Statistical Association 114, 2019, 1113). The variances of an estimate
+    by both add, so that the effective number N of samples of a channel is
 
         f^2 / N = 1 / (q n) + m d^2 / D,    m = (sum d^2)^2 / sum d^4
 
@@ -302,7 +301,7 @@ def weights(problem: Problem, one: Fitted, other: Fitted) -> Array:
     share = max(one.effective, other.effective)
     samples = np.maximum(problem.samples, 1.0)
     square = np.minimum(one.noise, other.noise) ** 2
-    discrepancy_samples = max(problem.discrepancy_samples_of(s.members) for s in (one, other))
+    discrepancy_samples = problem.discrepancy_samples_with_starts
     return (
         square * precision(square, 1.0 / (share * samples), discrepancy_samples, CHANCE) / samples
     )

@@ -229,6 +229,11 @@ class Problem:
     """Parameters that keep their tabulated values, as indices of the free ones."""
 
     @cached_property
+    def discrepancy_samples_with_starts(self) -> float:
+        """``discrepancy_samples``, and one sample for each start state that is not known [1]."""
+        return self.discrepancy_samples + sum(q.unknown for o in self.fit for q in o.local)
+
+    @cached_property
     def locals_known(
         self,
     ) -> dict[tuple[tuple[int, ...], int], tuple[Observed, tuple[Local, ...]]]:
@@ -329,14 +334,6 @@ class Problem:
     def locals_of(self, members: Members) -> tuple[Local, ...]:
         """The unknowns of each record that a set adds."""
         return tuple(q for m in members if (q := self.causes[m.cause].local) is not None)
-
-    def discrepancy_samples_of(self, members: Members) -> float:
-        """``discrepancy_samples``, and one sample for each unknown that takes up one [1].
-
-        They are the start states that are not known, and what a set has by record.
-        """
-        starts = sum(q.unknown for o in self.fit for q in o.local)
-        return self.discrepancy_samples + starts + len(self.locals_of(members)) * len(self.fit)
 
     @cached_property
     def scopes(self) -> dict[tuple[float, ...], dict[int, int]]:
