@@ -229,8 +229,8 @@ def test_subjects_differ_in_two_rates_at_once():
     subject = Equations(
         lambda t, x, u, p: (-p.ka * x.gut, p.ka * x.gut / volume - p.ke * x.level),
         states=[
-            State(name="gut", unit="mg/kg", start=given),
-            State(name="level", unit="mg/L"),
+            State(name="gut", unit="mg/kg", start=given, start_sd=0.0),
+            State(name="level", unit="mg/L", start_sd=0.0),
         ],
         parameters={"ka": (1.5, 0.5, "1/s"), "ke": (0.09, 0.03, "1/s")},
         outputs={"level": "level"},

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -157,15 +157,17 @@ def system(
     noise: Array,
     share: float | Array,
     damping: float = 0.0,
+    soft: Mapping[tuple[str, int], float] | None = None,
 ) -> NormalEquations:
     """Normal equations at a point: share J'J / noise^2 and the priors of the local unknowns.
 
-    ``share``: weight of a sample, for all channels or by channel.
+    ``share``: weight of a sample, for all channels or by channel. ``soft``: see :func:`softness`;
+    None: that of these records.
     """
     g = linears[0].by_global.shape[2]
     counts = [x.by_local.shape[2] for x in linears]
     weighted, log_det = np.asarray(share / noise**2), 0.0
-    softer = _softer(problem, records, members, point)
+    softer = softness(problem, records, members, point) if soft is None else soft
     blocks: dict[int, tuple[Array, Array, Array]] = {}
     total = 0.0
     for n in dict.fromkeys(counts):  # records with as many unknowns together
@@ -265,16 +267,23 @@ def _causes_of_records(
     return found
 
 
-def _softer(
-    problem: Problem, records: Sequence[Observed], members: Members, point: Point
+def softness(
+    problem: Problem,
+    records: Sequence[Observed],
+    members: Members,
+    point: Point,
+    *,
+    begins: bool = False,
 ) -> dict[tuple[str, int], float]:
     """Factors of the weights of the causes of records: half the gradient of their penalty.
 
-    Where a fit begins, all of them are zero, and their variance is not known.
+    ``begins``: whether sizes that are zero are not fitted yet, so that they tell no variance.
     """
     found = _causes_of_records(problem, records, members, point)
     return {
-        key: (OWN_DEGREES + n) / (OWN_DEGREES * OWN_SCALE**2 + squares) if squares else 1.0
+        key: 1.0
+        if begins and not squares
+        else (OWN_DEGREES + n) / (OWN_DEGREES * OWN_SCALE**2 + squares)
         for key, (squares, n) in found.items()
     }
 

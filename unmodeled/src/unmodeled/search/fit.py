@@ -23,6 +23,7 @@ from unmodeled.search.evidence import (
     log_odds,
     misfit,
     prior_of,
+    softness,
     system,
     weights,
 )
@@ -312,10 +313,11 @@ class _Place:
 
     def move(self, damping: float) -> Move:
         """The step with a damping."""
-        problem = self.fit.problem
+        problem, members = self.fit.problem, self.fit.members
         own = system(
-            *(problem, problem.fit, self.fit.members, self.point, self.seen),
+            *(problem, problem.fit, members, self.point, self.seen),
             *(self.noise, self.weight, damping),
+            softness(problem, problem.fit, members, self.point, begins=True),
         )
         return self.box.move(own, self.prior, self.point.x, damping)
 
@@ -468,7 +470,8 @@ def fit_local(
         damping = 1e-3
         for _ in range(rounds):
             left = _noise(*_sums(records, now))
-            own = system(problem, records, members, local_point, now, left, weight, damping)
+            soft = softness(problem, records, members, local_point, begins=True)
+            own = system(problem, records, members, local_point, now, left, weight, damping, soft)
             moved = replace(
                 point,
                 local=tuple(

@@ -349,9 +349,9 @@ class Problem:
         total, known = 0.0, set()
         for cause in (self.causes[i] for i in causes):
             scope = cause.shares, cause.local is None
-            free = cause.family >= 0 and scope in known
-            total += self.causes[cause.family].log_odds if free else cause.log_odds
-            known.add(scope)
+            law = self.causes[cause.family] if cause.family >= 0 and scope in known else cause
+            total += law.log_odds
+            known |= {scope} if cause.family >= 0 else set()
         return total
 
     def families_of(self, causes: Iterable[int]) -> set[int]:

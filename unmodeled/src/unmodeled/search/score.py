@@ -17,6 +17,7 @@ from unmodeled.search.evidence import (
     NormalEquations,
     penalty_of_records,
     prior_of,
+    softness,
     system,
     weights,
 )
@@ -481,7 +482,7 @@ def parameters_by_record(
     _, right, weight = found.normal
     down, total = found.inverse @ (right - weight * fitted.point.x), float(_halves(fitted).sum())
     parts = []
-    for own in _systems(problem, fitted, found):
+    for own in _systems(problem, fitted, found.linears):
         squares = own.matrix[np.ix_(free, free)] * np.outer(ratio, ratio)
         parts.append((ratio * own.right[free], ratio[:, None] * own.matrix[free], squares))
 
@@ -537,7 +538,7 @@ def _by_part(
     free = np.array([row.place for row in rows if row.ratio], dtype=int)
     ratio = np.array([row.ratio for row in rows if row.ratio])
     out = []
-    for own in _systems(problem, fitted, found):
+    for own in _systems(problem, fitted, found.linears):
         out.append(
             (
                 np.concatenate([own.gain, ratio * own.right[free]]),
@@ -548,11 +549,14 @@ def _by_part(
     return out
 
 
-def _systems(problem: Problem, fitted: Fitted, found: _Products) -> Iterator[NormalEquations]:
-    """Normal equations of each record, all samples counted."""
-    for o, local, linear in zip(problem.fit, fitted.point.local, found.linears, strict=True):
+def _systems(
+    problem: Problem, fitted: Fitted, linears: Sequence[Linear], share: float | Array = 1.0
+) -> Iterator[NormalEquations]:
+    """Normal equations of each record by itself; ``share``: weight of a sample."""
+    members, soft = fitted.members, softness(problem, problem.fit, fitted.members, fitted.point)
+    for o, local, linear in zip(problem.fit, fitted.point.local, linears, strict=True):
         point = Point(fitted.point.x, (local,))
-        yield system(problem, (o,), fitted.members, point, (linear,), fitted.noise, 1.0)
+        yield system(problem, (o,), members, point, (linear,), fitted.noise, share, soft=soft)
 
 
 def _gain(matrix: Array, right: Array, weight: Array, x: Array) -> float:
@@ -581,16 +585,8 @@ def by_record(problem: Problem, fitted: Fitted, k: int) -> tuple[Array, Array]:
     matrix[: g - 1, : g - 1] += np.diag(weight[others])
     right[: g - 1] -= weight[others] * fitted.point.x[others]
     matrix[g - 1 :, g - 1 :] += WEAK * np.eye(count)
-    for r, (observed, linear) in enumerate(zip(problem.fit, fitted.linears, strict=True)):
-        own = system(
-            problem,
-            (observed,),
-            fitted.members,
-            type(fitted.point)(fitted.point.x, (fitted.point.local[r],)),
-            (linear,),
-            fitted.noise,
-            weights(problem, fitted, fitted),
-        )
+    share = weights(problem, fitted, fitted)
+    for r, own in enumerate(_systems(problem, fitted, fitted.linears, share)):
         at = np.append(np.arange(g - 1), g - 1 + r)
         order = np.append(others, k)
         matrix[np.ix_(at, at)] += own.matrix[np.ix_(order, order)]
