@@ -272,8 +272,8 @@ def _varies(c: Change, words: _Words) -> str:
     middle = sum(c.by_record) / len(c.by_record)
     mean, unit, low, high = _numbers(middle, least, most, c.unit, relative=c.relative)
     return (
-        f"{thing} {words.differs} by {words.size} rms between the records, about {mean}{unit}: "
-        f"{low} to {high}"
+        f"{thing} {words.differs} by {words.size} rms between the records: {low} to {high}{unit}, "
+        f"{mean} on average"
     )
 
 

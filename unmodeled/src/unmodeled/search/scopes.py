@@ -19,6 +19,9 @@ from unmodeled.search.problem import RELEASED, Cause, Local, Problem
 
 #: Least number of records whose differences are random, or a course.
 MANY = 4
+#: What a size of each record means, and what to do about it.
+DIFFERS = "Each record has a size of its own, as other subjects, specimens or loads have."
+LOOK = "Find what differs between the records, and state it by record."
 #: Name of the condition of a record that tells its start on a clock of all records.
 START = "start"
 
@@ -102,7 +105,8 @@ def with_scopes(problem: Problem, records: Sequence[Record], then: Sequence[str]
             local = Local("own", len(causes), 0.0, effect.scale)
             scope = replace(effect.about.scope, each=True)
             name = f"{cause.name} in each record"
-            causes.append(replace(own, name=name, local=local, scope=scope))
+            effect = replace(effect, mechanism=DIFFERS, remedy=LOOK)
+            causes.append(replace(own, name=name, effect=effect, local=local, scope=scope))
     return replace(problem, causes=tuple(causes))
 
 
