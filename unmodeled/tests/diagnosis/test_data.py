@@ -279,6 +279,10 @@ def test_the_checks_see_clocks_and_saturation():
                 check_records([delayed])
         else:
             check_records([delayed])
+    slower = np.cumsum(np.where(np.arange(300) < 200, 0.01, 0.6))  # 1 Hz in a pulse, slow in a rest
+    assert any(
+        "uneven clock, 100 steps" in n for n in check_records([replace(record, time=slower)])
+    )
     lost = replace(record, time=np.delete(time, [7]), outputs={"q": np.delete(signal, [7])})
     assert any("uneven clock, 1 steps" in n for n in check_records([lost]))
 
