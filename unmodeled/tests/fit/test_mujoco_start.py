@@ -129,6 +129,9 @@ def test_a_payload_is_at_the_outermost_body_or_a_named_site(tmp_path):
     path = arm(tmp_path)
     effects = {e.name: e for e in unmodeled.mujoco(path).effects}
     assert [n for n in effects if n.endswith("payload")] == ["tool.payload"]
+    heavier = [n for n in effects if n.endswith(".mass")]  # bodies that carry another one
+    assert heavier
+    assert not {"tool.mass", "world.mass"} & {*heavier}
     assert "center of mass of the body tool, (0, 0, 0) m" in effects["tool.payload"].mechanism
     record = run(arm(tmp_path, tool=0.16), (0.4, -0.9), goals=wave)
     record = replace(record, sensors={n: replace(s, sigma=None) for n, s in record.sensors.items()})

@@ -380,9 +380,10 @@ def _of_bodies(model: Any) -> dict[str, Property]:
             ("payload", model.body_ipos[i]),
         ):
             values |= {f"{what}_{a}": float(v) for a, v in zip(AXES, three, strict=True)}
+        other = "payload" if i in outermost else "mass" if model.body_weldid[i] else ""
         for what, value in values.items():
-            last = what == "payload" and i in outermost
-            found[f"{name}.{what}"] = Property(value, BODY[what], BODY[what].units[0], tested=last)
+            unit = BODY[what].units[0]
+            found[f"{name}.{what}"] = Property(value, BODY[what], unit, tested=what == other)
     return {**found, **_of_mounts(model)}
 
 
