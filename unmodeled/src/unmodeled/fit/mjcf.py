@@ -524,8 +524,9 @@ def mujoco(
     unknown
         Properties that are effects; default: damping, friction, armature, stiffness and backlash
         of every hinge and slide, all of every servo, payloads of the outermost bodies, welded ones
-        included, masses of the other moving bodies, the tilt of the gravity, and the mounts of bodies that carry what a sensor of a
-        frame tracks. (The gain of a motor is that of its input.)
+        included, masses of the other moving bodies, the tilt of the gravity, and the mounts of
+        bodies that carry what a sensor of a frame tracks. (The gain of a motor is that of its
+        input.)
     inputs
         Default: the actuators that the records have.
     outputs
