@@ -16,7 +16,7 @@ from unmodeled.errors import FileExists
 from unmodeled.library import for_force_balance
 from unmodeled.models.model import UserUnit
 from unmodeled.models.subject import Subject
-from unmodeled.report.words import clause
+from unmodeled.report.words import clause, number
 from unmodeled.search.ledger import Finding, marked
 from unmodeled.search.result import (
     Cell,
@@ -355,6 +355,12 @@ def test_without_causes_no_cause_is_told(report, verdict):
     assert isinstance(bare, Report)
     assert "friction" not in bare.text()
     assert "Held-out records" not in bare.text()
+
+
+def test_numbers_have_two_digits_of_their_uncertainty():
+    assert number(0.0129456, 0.00031) == "0.01295"
+    assert number(-1.2e-9, 0.02) == number(0.0, 0.02) == "0"
+    assert number(1234.4, 20.0) == "1234"
 
 
 def test_a_search_that_ended_early_does_not_say_that_no_cause_is_missing(report):

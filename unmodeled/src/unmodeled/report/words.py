@@ -35,7 +35,9 @@ def number(value: float, uncertainty: float = 0.0, sign: str = "") -> str:
     if not math.isfinite(uncertainty) or uncertainty <= 0.0:
         return f"{value:{sign}.4g}"
     places = 1 - math.floor(math.log10(uncertainty))
-    value = round(value, places) + 0.0  # no negative zero
+    value = round(value, places)
+    if value == 0.0:
+        return "0"
     return f"{value:{sign}.{places}f}" if 0 <= places <= 6 else f"{value:{sign}.6g}"
 
 
