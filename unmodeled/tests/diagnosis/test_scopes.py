@@ -245,6 +245,45 @@ def test_subjects_differ_in_two_rates_at_once():
     assert report.summary().endswith("Nothing but the noise of the sensor remains.")
 
 
+def test_two_laws_of_all_records_take_the_place_of_one_that_each_has_by_itself():
+    """A friction that rises at low speed, seen in five parts of one swing of a pendulum."""
+    h, q, v, seen = 0.0005, -2.2, 0.0, []
+
+    def rate(q, v):
+        friction = (0.125 + 0.075 * np.exp(-((v / 2.8) ** 2))) * np.tanh(v / 0.02)
+        return -30.9 * np.sin(q) - 0.026 * v - friction
+
+    for _ in range(120000):
+        seen.append(q)
+        slope = rate(q, v)
+        half = rate(q + 0.5 * h * v, v + 0.5 * h * slope)
+        q, v = q + h * (v + 0.5 * h * slope), v + h * half
+    grid = 2.0 * np.pi / 1000.0
+    seen = np.round(np.array(seen)[::40] / grid) * grid
+    records = [
+        Record(
+            name=f"part {k}",
+            time=0.02 * np.arange(600),
+            inputs={},
+            outputs={"q": seen[600 * k : 600 * (k + 1)]},
+            sensors={"q": Sensor(name="q", unit="rad")},
+            role="held_out" if k in (1, 3) else "fit",
+        )
+        for k in range(5)
+    ]
+    pendulum = Equations(
+        lambda t, x, u, p: (x.w, -p.w2 * np.sin(x.q) - p.d * x.w),
+        states={"q": "rad", "w": "rad/s"},
+        parameters={"w2": (31.0, 3.0, "1/s^2"), "d": (0.02, 0.02, "1/s")},
+        bounds={"d": (0, 10), "w2": (1, 1e3)},
+        outputs={"q": "q"},
+    )
+    report = pendulum.diagnose(
+        records, effects=("dry friction q", "Stribeck friction q", "creep q")
+    )
+    assert {n.cause for n in report.named} == {"dry friction q", "Stribeck friction q"}
+
+
 def test_a_gain_that_falls_over_the_records_is_told_by_that_of_the_last_one():
     report = diagnosed(driven(5, force=[0.0, 0.25, 0.5, 0.75, 1.0]))
     (cause,) = [n for n in told(report) if n.cause.startswith("constant force")]

@@ -34,6 +34,7 @@ from unmodeled.search.linear import (
     Point,
     evaluate,
     local_of,
+    shapes_of,
     unknowns_of,
 )
 from unmodeled.search.options import Options
@@ -502,6 +503,34 @@ class _Climb:
     def _less(self, origin: Fitted) -> list[Fitted]:
         return [f for f in without_one(self.found, origin, self.check) if f is not None]
 
+    def _in_all_records(self, origin: Fitted) -> list[Fitted]:
+        """The sets in which a cause of some records, or of each by itself, acts in all of them.
+
+        They are fitted from this set, and from those with one cause less: what differs between
+        records may have led far from the fit in which nothing does.
+        """
+        problem, x, jobs = self.problem, origin.point.x, list[Job]()
+        effects = [m for m in origin.members if problem.causes[m.cause].effect is not None]
+        sizes = {m.cause: float(x[index_of(problem, origin.members, m.cause)]) for m in effects}
+        for member, found in zip(effects, shapes_of(problem, origin.members, x), strict=True):
+            cause = problem.causes[member.cause]
+            if cause.family < 0 or cause.family in origin.causes:
+                continue
+            law = Member(cause.family, found.shape)
+            sizes[law.cause] = sizes[member.cause] if cause.common else 0.0
+            rest = (m for m in origin.members if m is not member)
+            members = tuple(sorted((*rest, law), key=lambda m: m.cause))
+
+            def score(m: Member) -> Score:
+                return Score(m.cause, m.shape, 0.0, sizes.get(m.cause, 0.0))
+
+            jobs.append((members, origin, (score(law),)))
+            for last in members:
+                less = self.found.sets.get(tuple(m.cause for m in members if m is not last))
+                if less is not None and less.members:
+                    jobs.append((members, less, (score(last),)))
+        return self._fit(jobs)
+
     def _scores(self, fitted: Fitted) -> tuple[list[Score], Directions]:
         """What a set may lack, the best first, and the directions at its fit."""
         if fitted.serial not in self._scored:
@@ -548,8 +577,10 @@ class _Climb:
         return True
 
     def _drop(self, before: Fitted) -> None:
-        """Leave out causes that gain nothing any more."""
-        while self.now.members and (smaller := self._less(self.now)):
+        """Leave out causes that gain nothing any more, and scopes that gain nothing."""
+        while self.now.members and (
+            smaller := [*self._less(self.now), *self._in_all_records(self.now)]
+        ):
             best = best_of(self.problem, smaller)
             if self._gain(best, self.now) < (WORTH if best.causes == before.causes else 0.0):
                 return
