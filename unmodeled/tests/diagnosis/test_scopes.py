@@ -179,7 +179,7 @@ def test_the_start_of_records_is_what_all_of_them_state():
     assert starts_of([stated[0], other]) == [0.0, 1.0]
 
 
-def test_a_parameter_of_each_record_is_told_by_its_scatter():
+def test_a_parameter_of_each_record_is_told_by_its_scatter(tmp_path):
     masses = [2.0, 2.5, 1.7, 2.2, 1.9]
     report = diagnosed(driven(5, mass=masses))
     (cause,) = report.named
@@ -190,6 +190,8 @@ def test_a_parameter_of_each_record_is_told_by_its_scatter():
     again = driven(5, mass=masses, seed=9)[int(report.records[0][3])]
     left = report.model.simulate(again)["x"] - again.outputs["x"]
     assert np.std(left) < 1.2e-4
+    written = report.model.write(tmp_path / "fixed.toml").read_text()
+    assert f"m in each record: {report.records[0]} {cause.by_record[0]:.4f}"[:-2] in written
 
 
 def test_a_force_of_each_record_is_told_by_its_values():

@@ -931,9 +931,18 @@ class Explained:
             self.theta,
             self.included,
             self.magnitudes,
-            provenance=self.provenance,
+            provenance="; ".join([self.provenance, *self._by_record()]),
             force=force,
         )
+
+    def _by_record(self) -> Iterator[str]:
+        """What acts in some records only, for a file that has one number for all of them."""
+        for name in dict.fromkeys(c.name for c in self.in_records):
+            values = []
+            for c in (c for c in self.in_records if c.name == name):
+                zero = 0.0 if c.effect is not None else self.theta[c.parameter]
+                values.append(f"{', '.join(c.records)} {zero + c.size:.6g}")
+            yield f"{name}: {', '.join(values)}"
 
 
 @checked
