@@ -27,7 +27,10 @@ SILENT = ("index", "add_a_command", "live", "install")
 HOWTO = sorted(
     str(p.relative_to(ROOT)) for p in (ROOT / "docs" / "howto").glob("*.md") if p.stem not in SILENT
 )
-TUTORIALS = [f"docs/tutorials/first_{n}.md" for n in ("stroke", "felt", "diagnosis", "machine")]
+TUTORIALS = [
+    f"docs/tutorials/{n}.md"
+    for n in ("first_stroke", "first_felt", "first_diagnosis", "first_machine", "answers")
+]
 PAGES = [
     "README.md",
     "unmodeled/README.md",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -14,7 +15,7 @@ from unmodeled.models import Jobs
 from unmodeled.pictures.curves import Axis, Law, Line, Points, thinned
 from unmodeled.pictures.laws import law_of, laws
 from unmodeled.pictures.motions import motions_of
-from unmodeled.report.figures import axis_unit, evidence, motion, raised
+from unmodeled.report.figures import answer, axis_unit, evidence, motion, raised
 from unmodeled.search.fit import fit_sets
 from unmodeled.search.linear import theta_at
 from unmodeled.search.problem import Member, rms_of
@@ -304,3 +305,16 @@ def test_figures_have_units_on_their_axes_and_no_powers_of_ten(moved, friction):
             assert "[" in ax.get_ylabel()
             assert len(ax.get_ylabel().partition(" [")[0].split()) <= 3
             assert ax.get_legend() is None
+
+
+def test_the_values_on_the_axis_of_a_likelihood_do_not_touch():
+    grid = np.linspace(0.0486, 0.0634, 401)
+    bell = np.exp(-0.5 * ((grid - 0.056) / 2e-5) ** 2)
+    lines = (Line("likelihood", grid, *(bell,) * 3), Line("as it is", *(np.full(1, 0.05),) * 4))
+    one = Law("r", "r", "likelihood", Axis("value", "ohm"), Axis("likelihood", "1"), (), lines)
+    figure = answer(None, [one] * 3)
+    figure.draw_without_rendering()
+    for ax in figure.axes:
+        seen = [x.get_window_extent() for x in ax.get_xticklabels() if ax.get_visible()]
+        seen = sorted((box for box in seen if box.width), key=lambda box: box.x0)
+        assert all(a.x1 + 2.0 < b.x0 for a, b in itertools.pairwise(seen))

@@ -352,8 +352,10 @@ def _likelihood(ax: Axes, law: Law, fx: float, fy: float) -> None:
     ax.plot(fx * curve.x, curve.y, color=BLUE, lw=1.8)
     ax.axvline(fx * as_it_is.x[0], color=ORANGE, ls="--", lw=1.6)
     left = as_it_is.x[0] < curve.x[np.argmax(curve.y)]
-    ax.annotate(" as it is ", (fx * as_it_is.x[0], 1.08), color=ORANGE, fontsize=SMALL,
-                ha="left" if left else "right")  # fmt: skip
+    ax.annotate("as it is", (fx * as_it_is.x[0], 1.08), (4 if left else -4, 0),
+                textcoords="offset points", ha="left" if left else "right", color=ORANGE,
+                fontsize=SMALL)  # fmt: skip
+    ax.locator_params(axis="x", nbins=4)  # a value and its neighbors have many digits
     gap = 0.5 / max(len(law.points), 3)
     for k, p in enumerate(law.points):
         ax.errorbar(fx * p.x, [-gap * (k + 1)], xerr=HALF * fx * p.sd, fmt="o", color=BLACK, ms=3.5,
