@@ -430,3 +430,36 @@ def test_what_acts_in_a_held_out_record_only_is_told_there():
     found = {n.subject.fault: n for n in told(report)}
     assert found["constant force"].magnitude == pytest.approx(1.0, abs=0.01)
     assert {n.subject.scope.records for n in found.values()} == {("rec2",)}
+
+
+def test_a_lag_of_all_inputs_is_one_of_two_also_beside_a_delay():
+    """Each held step of a lagged drive is late by half a sample: there is a lag, and a delay."""
+    rng, time, records = np.random.default_rng(4), np.arange(0.0, 6.0, 0.01), []
+    flow = np.array([[-0.8, 0.3], [0.2, -1.3]])
+    for k in range(3):
+        since = time - 0.3
+        waves = np.sin((1.5 + 0.7 * k) * since), np.sign(np.sin((1.1 + 0.5 * k) * since))
+        drive, x, late, path = (since > 0.0) * np.array(waves), np.zeros(2), np.zeros(2), []
+        for u in drive.T:
+            path.append(x)
+            for _ in range(20):
+                x = x + 5e-4 * (flow @ x + np.array([1.0, 0.5]) * late)
+            late = u + (late - u) * np.exp(-0.01 / 0.08)
+        seen = np.array(path) + 1e-3 * rng.standard_normal((time.size, 2))
+        sensors = {n: Sensor(name=n, unit="m", sigma=1e-3) for n in ("x", "y")}
+        inputs = dict(zip(("a", "b"), drive, strict=True))
+        outputs = dict(zip(("x", "y"), seen.T, strict=True))
+        records.append(
+            Record(name=f"r{k}", time=time, inputs=inputs, outputs=outputs, sensors=sensors)
+        )
+    stores = Equations(
+        lambda t, x, u, p: (-p.ka * x.x + 0.3 * x.y + u.a, -p.kb * x.y + 0.2 * x.x + 0.5 * u.b),
+        states={"x": (0.0, 1e-3, "m"), "y": (0.0, 1e-3, "m")},
+        parameters={"ka": (0.8, 0.03, "1/s"), "kb": (1.3, 0.05, "1/s")},
+        hold="zero",
+        inputs={"a": "m/s", "b": "m/s"},
+        outputs={"x": "x", "y": "y"},
+    )
+    report = stores.diagnose(records)
+    alike = [{c.cause for c in one} for one in report.classes]
+    assert any({"lag of all inputs", "lag of all sensors"} <= names for names in alike)

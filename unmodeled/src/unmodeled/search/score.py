@@ -267,6 +267,38 @@ def nearly_alike(
     return {f.cause for f, is_alike in zip(seen.further, alike, strict=True) if is_alike}
 
 
+def alike_before(
+    problem: Problem, fitted: Fitted, seen: Directions, member: Member, size: float
+) -> list[Score]:
+    """Causes whose column is parallel to that of a member where neither of them acts yet.
+
+    At a fit with the member, what does the same as the whole of it has the column of its last
+    part: a lag of all sensors that of a delay, beside a lag of all inputs.
+
+    Parameters
+    ----------
+    problem, fitted, seen
+        A fit without the member, and the directions there.
+    member
+        The member.
+    size
+        Its magnitude, in expected magnitudes [1].
+    """
+    cross = _products(problem, fitted, seen).curvature
+    own = next((j for j, f in enumerate(seen.further) if f == member), None)
+    if own is None:
+        return []
+    found: dict[int, tuple[float, Score]] = {}
+    for k, further in enumerate(seen.further):
+        cosine = abs(cross[own, k]) / math.sqrt(cross[own, own] * cross[k, k])
+        if further.cause != member.cause and cosine > max(
+            ALIKE, found[further.cause][0] if further.cause in found else 0.0
+        ):
+            step = float(np.clip(size * cross[own, k] / cross[k, k], -5.0 * MOST, 5.0 * MOST))
+            found[further.cause] = cosine, Score(further.cause, further.shape, 0.0, step)
+    return [score for _, score in found.values()]
+
+
 def _same_when_fitted(problem: Problem, member: int) -> list[int]:
     """The law of a member in other records of which the same ones are fitted."""
     found = problem.causes[member]

@@ -44,6 +44,7 @@ from unmodeled.search.score import (
     NEARLY,
     Directions,
     Score,
+    alike_before,
     directions,
     equivalents,
     index_of,
@@ -617,7 +618,12 @@ def _exchange_alike(problem: Problem, found: Searched, check: Callable[[], None]
         if problem.causes[member.cause].local is not None:
             continue
         rest = tuple(m for m in now.members if m is not member)
-        for score, _ in equivalents(problem, now, seen, member.cause):
+        alike = {s.cause: s for s, _ in equivalents(problem, now, seen, member.cause)}
+        if alone is not None and found.directions is not None and rest:
+            size = float(now.point.x[index_of(problem, now.members, member.cause)])
+            before = alike_before(problem, alone, found.directions, member, size)
+            alike = {s.cause: s for s in before if s.cause not in now.causes} | alike
+        for score in alike.values():
             found.alike.append(frozenset((member.cause, score.cause)))
             members = (*rest, Member(score.cause, score.shape))
             jobs.append((tuple(sorted(members, key=lambda m: m.cause)), now, (score,)))
