@@ -204,10 +204,18 @@ def _possible(out: Chosen, rival: Fitted, first: Fitted, options: Options) -> bo
 
 
 def _rival(out: Chosen, best: Fitted, first: Fitted, options: Options) -> Fitted | None:
-    """The most probable possible set that surely predicts better; None: there is none."""
-    ranked = rank(out.problem, list(out.everything.sets.values()))[0]
+    """The most probable possible set that surely predicts better; None: there is none.
+
+    The same laws in other records have to be more probable: a size of its own is fitted to a
+    record that is held out, too.
+    """
+    problem = out.problem
+    ranked = rank(problem, list(out.everything.sets.values()))[0]
+    laws = problem.families_of(best.causes)
     for s in ranked:
         known = out.predicted.get(s.causes) is not None
+        if problem.families_of(s.causes) == laws and log_odds(problem, s, best) < 0.0:
+            continue
         better = known and _ratio(out, best.causes, s.causes, s).low > WORTH
         if better and _possible(out, s, first, options):
             return s

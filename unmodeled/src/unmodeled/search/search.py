@@ -452,7 +452,8 @@ def _add_held_out_scopes(
 def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score]:
     """The first causes by score, and those that are nearly as good; errors of records: a half.
 
-    Of the causes of some records, the first two: their equivalents are found later.
+    Of the causes of some records, the first two, and their laws in all records: their equivalents
+    are found later.
     """
     scoped = [s.cause for s in ranked if problem.causes[s.cause].family >= 0][2:]
     ranked = [s for s in ranked if s.cause not in scoped]
@@ -460,7 +461,9 @@ def _choose(problem: Problem, ranked: Sequence[Score], tries: int) -> list[Score
     count = max(tries, sum(s.gain > NEARLY * best for s in ranked))
     of_records = [s.cause for s in ranked if problem.causes[s.cause].of_records]
     too_many = set(of_records[(count + 1) // 2 :])
-    return [s for s in ranked if s.cause not in too_many][:count]
+    chosen = [s for s in ranked if s.cause not in too_many][:count]
+    laws = {problem.causes[s.cause].family for s in chosen} - {s.cause for s in chosen}
+    return [*chosen, *(s for s in ranked if s.cause in laws)]
 
 
 class _Climb:
