@@ -151,7 +151,9 @@ def climbed(monkeypatch, sets, left, without=()):
     """The set that a climb ends with; ``sets`` has the most probable first."""
     ranked = [fitted(*c) for c in sets]
     known = {s.causes: s for s in ranked}
-    out = Given(problem=None, everything=Given(sets=known), predicted=dict.fromkeys(known, 1))
+    laws = {4: 1}  # cause 4 is law 1 with a size of its own in each record
+    problem = Given(families_of=lambda causes: {laws.get(i, i) for i in causes})
+    out = Given(problem=problem, everything=Given(sets=known), predicted=dict.fromkeys(known, 1))
     position = {c: k for k, c in enumerate(sets)}
 
     def ratio(_, one, other, __):
@@ -180,6 +182,10 @@ def test_the_choice_climbs_to_sets_that_surely_predict_better(monkeypatch):
     # What needs a cause less is not as good as the set before.
     assert climbed(monkeypatch, sets, {**left, (0, 1, 3): -1.5}, {(0, 1, 3): (2,)}) == (0, 1)
     assert climbed(monkeypatch, sets, dict.fromkeys(sets, 0.0)) == (0,)
+    # The same laws by record, less probable, are fitted to the held-out records, too.
+    by_record = [(0,), (0, 1), (0, 4), (0, 1, 3)]
+    left = {(0,): 0.0, (0, 1): -0.7, (0, 4): -2.0, (0, 1, 3): -0.75}
+    assert climbed(monkeypatch, by_record, left) == (0, 1)
     # Another law that is surely less probable does not take the place, however it predicts.
     far = [(0,), (1,), (2,), (3,)]
     left = {(0,): 0.0, (1,): 0.0, (2,): 0.0, (3,): -2.0}
