@@ -347,6 +347,11 @@ def test_what_is_not_sure_may_be(report, tier, sure):
     assert f"the arm joint {has} of" in clause(replace(change, tier=tier))
     # An interval that contains zero is no statement, whatever the mark says.
     assert "may have dry friction" in clause(replace(change, tier=tier, low=-0.001))
+    # A parameter that is also an effect has the same words: they stand there once.
+    twice = replace(change, equivalents=(replace(change, name="its other name"),))
+    assert clause(twice) == clause(change)
+    other = replace(change, name="another", size=3.0 * change.size)
+    assert clause(replace(twice, equivalents=(*twice.equivalents, other))).startswith("either ")
 
 
 @pytest.mark.parametrize("verdict", [Verdict.NO_GAP, Verdict.CALIBRATED, Verdict.UNKNOWN])

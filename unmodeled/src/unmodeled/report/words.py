@@ -109,10 +109,12 @@ def clause(c: Change) -> str:
     The machine, the sensor or the input is the subject: what to do about it is another sentence.
     """
     first = _clause(c) + _where(c)
-    if not c.equivalents:
+    same = dict.fromkeys(_clause(e) + _where(e) for e in c.equivalents)
+    every = [text for text in same if text != first]  # an effect may be a parameter, too
+    if not every:
         return first
-    others = [_clause(e) + _where(e) for e in c.equivalents[: EQUIVALENTS - 1]]
-    rest = len(c.equivalents) - len(others)
+    others = every[: EQUIVALENTS - 1]
+    rest = len(every) - len(others)
     others += [f"{rest} more that the records do not tell apart"] if rest else []
     return f"either {joined([first, *others], 'or')}"
 
