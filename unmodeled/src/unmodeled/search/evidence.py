@@ -27,9 +27,9 @@ from unmodeled.search.problem import RELEASED, Members, Observed, Problem
 
 #: Degrees of freedom of the Student t prior of magnitudes.
 DEGREES = 4.0
-#: Degrees of freedom of the prior of the sizes that a cause has by record, and its scale in the
-#: expected size [1]: how much records differ is known to two orders of magnitude.
-OWN_DEGREES, OWN_SCALE = 1.0, 0.1
+#: Scale of the prior of the sizes that a cause has by record, in the expected size [1]. With one
+#: degree of freedom, how much records differ is known to two orders of magnitude.
+OWN_SCALE = 0.1
 #: Share of what chance allows that counts as discrepancy: the records cannot exclude it [1].
 CHANCE = 0.1
 
@@ -245,10 +245,9 @@ def penalty_of_records(squares: float, count: int) -> float:
     """
     from scipy.special import gammaln
 
-    half = 0.5 * (OWN_DEGREES + count)
-    constant = gammaln(half) - gammaln(0.5 * OWN_DEGREES) - count * math.log(OWN_SCALE)
-    constant += 0.5 * count * math.log(2.0 / OWN_DEGREES)
-    return float(2.0 * half * math.log1p(squares / (OWN_DEGREES * OWN_SCALE**2)) - 2.0 * constant)
+    half = 0.5 * (1 + count)
+    constant = gammaln(half) - gammaln(0.5) + count * math.log(math.sqrt(2.0) / OWN_SCALE)
+    return float((1 + count) * math.log1p(squares / OWN_SCALE**2) - 2.0 * constant)
 
 
 def _causes_of_records(
@@ -281,9 +280,7 @@ def softness(
     """
     found = _causes_of_records(problem, records, members, point)
     return {
-        key: 1.0
-        if begins and not squares
-        else (OWN_DEGREES + n) / (OWN_DEGREES * OWN_SCALE**2 + squares)
+        key: 1.0 if begins and not squares else (1 + n) / (OWN_SCALE**2 + squares)
         for key, (squares, n) in found.items()
     }
 
